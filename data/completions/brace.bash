@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+# bash completion for brace
+
+_brace()
+{
+    local cur prev command
+    COMPREPLY=()
+    cur=${COMP_WORDS[COMP_CWORD]}
+    prev=${COMP_WORDS[COMP_CWORD - 1]}
+    local raw='@(dng|DNG|3fr|3FR|arw|ARW|cr2|CR2|cr3|CR3|crw|CRW|nef|NEF|nrw|NRW|orf|ORF|pef|PEF|raf|RAF|raw|RAW|rw2|RW2|rwl|RWL|srw|SRW)'
+
+    if [[ $COMP_CWORD -eq 1 ]]; then
+        mapfile -t COMPREPLY < <(compgen -W 'restore info help --help --version' -- "$cur")
+        return
+    fi
+    command=${COMP_WORDS[1]}
+    if [[ $command == help ]]; then
+        mapfile -t COMPREPLY < <(compgen -W 'restore info' -- "$cur")
+        return
+    fi
+
+    # In bash, "--method=merge" arrives as three words.
+    if [[ $cur == '=' ]]; then
+        cur=
+    elif [[ $prev == '=' && $COMP_CWORD -gt 2 ]]; then
+        prev=${COMP_WORDS[COMP_CWORD - 2]}
+    fi
+
+    case $prev in
+        -m | --method) mapfile -t COMPREPLY < <(compgen -W 'merge reference' -- "$cur"); return ;;
+        -f | --format) mapfile -t COMPREPLY < <(compgen -W 'dng tif png jpg webp' -- "$cur"); return ;;
+        --bits) mapfile -t COMPREPLY < <(compgen -W '8 16 32' -- "$cur"); return ;;
+        -o | --output) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -f -- "$cur"); return ;;
+        --quality | --exposure | --exposures | -t | --threads) return ;;
+        -r | --reference) ;;
+        *)
+            if [[ $cur == -* ]]; then
+                local options='--json --quiet --threads --help'
+                if [[ $command == restore ]]; then
+                    options+=' --output --format --bits --quality --exposure --reference --exposures --method'
+                    options+=' --no-align --verbose'
+                fi
+                mapfile -t COMPREPLY < <(compgen -W "$options" -- "$cur")
+                return
+            fi
+            ;;
+    esac
+
+    # RAW files, and folders on the way to them.
+    local restore_extglob
+    restore_extglob=$(shopt -p extglob)
+    shopt -s extglob
+    compopt -o filenames
+    mapfile -t COMPREPLY < <(compgen -f -X "!*.$raw" -- "$cur"; compgen -d -- "$cur")
+    $restore_extglob
+}
+complete -F _brace brace

@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * brace.h: all of BRACE's public interface. Read in this order:
+ *   status.h   errors            job.h      threads, progress, cancelling
+ *   frame.h    one RAW file      bracket.h  several exposures of one screen
+ *   image.h    pictures          develop.h  RAW to picture
+ *   restore.h  a bracket in, one clean frame out
+ */
+#ifndef BRACE_BRACE_H
+#define BRACE_BRACE_H
+
+#include "bracket.h"
+#include "develop.h"
+#include "frame.h"
+#include "image.h"
+#include "job.h"
+#include "restore.h"
+#include "status.h"
+#include "version.h"
+
+#endif

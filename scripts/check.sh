@@ -1,0 +1,48 @@
+#!/bin/bash
+# SPDX-License-Identifier: Apache-2.0
+# Builds with warnings as errors and runs every test, then builds with Address-
+# and UndefinedBehaviorSanitizer and runs them again. The last line counts the
+# tests of both runs.
+set -uo pipefail
+cd "$(dirname "$0")/.." || exit
+jobs=$(nproc)
+passed=0
+failed=0
+
+# run NAME TIMEOUT_MULTIPLIER MESON_OPTION...
+run()
+{
+    local name=$1 multiplier=$2 dir=build/$1 log
+    shift 2
+    log=$dir/meson-logs/testlog.json
+    echo "== $name"
+    if [ -f "$dir/build.ninja" ]; then
+        meson setup --reconfigure "$dir" "$@" >"$dir.log" 2>&1 || { cat "$dir.log"; return 1; }
+    else
+        mkdir -p build
+        meson setup "$dir" "$@" >"$dir.log" 2>&1 || { cat "$dir.log"; return 1; }
+    fi
+    ninja -C "$dir" -j "$jobs" --quiet || return 1
+    rm -f "$log"
+    meson test -C "$dir" --no-rebuild --num-processes "$jobs" --timeout-multiplier "$multiplier" --print-errorlogs
+    [ -f "$log" ] || return 1
+    local good bad
+    good=$(grep -cE '"result": "(OK|EXPECTEDFAIL)"' "$log")
+    bad=$(grep -cE '"result": "(FAIL|ERROR|TIMEOUT|INTERRUPT|UNEXPECTEDPASS)"' "$log")
+    passed=$((passed + good))
+    failed=$((failed + bad))
+    # A run that tested nothing is no success.
+    [ "$good" -gt 0 ] || [ "$bad" -gt 0 ]
+}
+
+export ASAN_OPTIONS=${ASAN_OPTIONS:-detect_leaks=1:allocator_may_return_null=1:abort_on_error=0}
+export UBSAN_OPTIONS=${UBSAN_OPTIONS:-halt_on_error=1:print_stacktrace=1}
+
+run check 1 -Dwerror=true || failed=$((failed + 1))
+echo
+run sanitize 6 -Dwerror=true -Dbuildtype=debugoptimized -Db_sanitize=address,undefined -Db_lundef=false \
+    -Dbench=false || failed=$((failed + 1))
+
+echo
+echo "$passed passed, $failed failed"
+[ "$failed" -eq 0 ]

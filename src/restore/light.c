@@ -1,0 +1,354 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * light.c: how much light the display gave while each row of each frame was
+ * exposed, relative to its mean.
+ *
+ * The exposure ladder. A frame's banding fades as its exposure grows, so the
+ * longest frame is taken as steady and each shorter one is measured against
+ * the picture that all longer ones make together, wherever those don't clip:
+ * the ratio of the two has no content in it, only the gain of the light. Where
+ * a row shares its light (backlights, row-scanned panels), that gain also holds
+ * for the row's pixels that only the shorter frame recorded, and is divided out
+ * there. How far rows, zones of a row and colours share their light is itself
+ * measured: estimates are shrunk towards the coarser level by empirical Bayes.
+ *
+ * Rows in which every longer frame clips altogether (a white page) are left to
+ * periodic.c.
+ */
+#include <math.h>
+#include <string.h>
+
+#include "restore/internal.h"
+#include "restore/periodic.h"
+
+enum { HISTOGRAM = 512, RUN = 16 };
+
+/* Content that two frames cannot agree on better than this, from misalignment. */
+static const float texture = 0.05f;
+
+/* How far, in pixels, edges may be misplaced between frames. */
+static const float misplaced = 0.5f;
+
+/* Residuals of neighbouring pixels go together: so much of the nominal information is real. */
+static const double independent = 0.3;
+
+typedef struct light_job {
+    restore_view *view;
+    restore_picture *sum, *weight; /* of the longer frames */
+    const float *bright;           /* typical light around each row */
+    v4 *above, *below;             /* a row and zone: sums of w Y L and of w L^2 */
+    v4 *gain_rows;                 /* a row for each worker */
+    uint32_t (*histogram)[HISTOGRAM];
+} light_job;
+
+static v4 light_trust(const uint8_t *trust, v4 weight) {
+    v4 t = v4_trust(trust);
+    for (int c = 0; c < 4; c++)
+        if (!(weight[c] > 0))
+            t[c] = 0;
+    return t;
+}
+
+static v4 light_divide(v4 a, v4 b) {
+    for (int c = 0; c < 4; c++)
+        a[c] = b[c] > 0 ? a[c] / b[c] : 0;
+    return a;
+}
+
+/* The longer frames' picture; takes the trust of what they don't know. */
+static v4 longer_at(const light_job *job, size_t i, v4 *trust) {
+    v4 weight = job->weight->at[i];
+    for (int c = 0; c < 4; c++)
+        if (!(weight[c] > 0))
+            (*trust)[c] = 0;
+    return light_divide(job->sum->at[i], weight);
+}
+
+/* The regression of a frame on the longer ones, zone by zone. */
+static void measure_rows(void *arg, size_t begin, size_t end, int worker) {
+    (void)worker;
+    const light_job *job = arg;
+    const restore_view *view = job->view;
+    const size_t width = view->light.width, height = view->light.height, zones = (size_t)view->zones;
+    const float scale = (float)zones / (float)width;
+    for (size_t y = begin; y < end; y++) {
+        v4 *above = job->above + y * zones, *below = job->below + y * zones;
+        memset(above, 0, zones * sizeof(v4));
+        memset(below, 0, zones * sizeof(v4));
+        float floor_y = texture * job->bright[y];
+        for (size_t x = 0; x < width; x++) {
+            size_t i = y * width + x;
+            v4 trust = light_trust(view->trust + 4 * i, job->weight->at[i]);
+            if (v4_sum(trust) == 0)
+                continue;
+            size_t left = x ? i - 1 : i, right = x + 1 < width ? i + 1 : i;
+            size_t up = y ? i - width : i, down = y + 1 < height ? i + width : i;
+            v4 longer = v4_max(longer_at(job, i, &trust), v4_set(0));
+            v4 gx = longer_at(job, right, &trust) - longer_at(job, left, &trust);
+            v4 gy = longer_at(job, down, &trust) - longer_at(job, up, &trust);
+            v4 fuzzy = v4_set(texture) * longer, edge = (gx * gx + gy * gy) * v4_set(0.25f * misplaced * misplaced);
+            v4 variance =
+                edge + view->noise_s * longer + view->noise_o + fuzzy * fuzzy + v4_set(floor_y * floor_y + 1e-12f);
+            v4 w = trust / variance, a = w * view->light.at[i] * longer, b = w * longer * longer;
+            float g = ((float)x + 0.5f) * scale - 0.5f;
+            g = g < 0 ? 0 : g > (float)(zones - 1) ? (float)(zones - 1) : g;
+            size_t z = (size_t)g;
+            float f = g - (float)z;
+            above[z] += v4_set(1 - f) * a, below[z] += v4_set(1 - f) * b;
+            if (z + 1 < zones)
+                above[z + 1] += v4_set(f) * a, below[z + 1] += v4_set(f) * b;
+        }
+    }
+}
+
+/* Variance of gains beyond what their errors explain: what is to be believed. */
+static double spread(double squares, double weights, double errors) {
+    double v = weights > 0 ? (squares - errors) / weights : 0;
+    return v < 1e-8 ? 1e-8 : v > 1 ? 1 : v; /* light pulses, but its mean is 1 */
+}
+
+/* Turns the sums into gains, coarse level first. `prior` (a row and zone) is
+ * what to assume where nothing was measured; with belief > 0 it is an estimate
+ * itself, of that reliability. Returns the share of rows in
+ * which the longer frames said something. */
+static double light_gains(light_job *job, const float *prior, double belief) {
+    restore_view *view = job->view;
+    const size_t height = view->light.height, zones = (size_t)view->zones;
+    double sq = 0, wt = 0, er = 0, covered = 0;
+    /* Rows. */
+    for (size_t y = 0; y < height; y++) {
+        double a = 0, b = 0;
+        for (size_t z = 0; z < zones; z++)
+            a += v4_sum(job->above[y * zones + z]), b += v4_sum(job->below[y * zones + z]);
+        a *= independent, b *= independent;
+        covered += b > 25;
+        if (b > 0) {
+            double d = a / b - 1;
+            sq += b * d * d, wt += b, er += 1;
+        }
+    }
+    double k_row = 1 / spread(sq, wt, er);
+    /* Zones about their row. */
+    sq = wt = er = 0;
+    for (size_t y = 0; y < height; y++) {
+        double a = 0, b = 0;
+        for (size_t z = 0; z < zones; z++)
+            a += v4_sum(job->above[y * zones + z]), b += v4_sum(job->below[y * zones + z]);
+        if (!(b > 0))
+            continue;
+        double row = a / b;
+        for (size_t z = 0; z < zones; z++) {
+            double bz = independent * v4_sum(job->below[y * zones + z]);
+            if (!(bz > 0))
+                continue;
+            double d = independent * v4_sum(job->above[y * zones + z]) / bz - row;
+            sq += bz * d * d, wt += bz, er += 1;
+        }
+    }
+    double k_zone = 1 / spread(sq, wt, er);
+    /* Colours about their zone. */
+    sq = wt = er = 0;
+    for (size_t i = 0; i < height * zones; i++) {
+        double b = v4_sum(job->below[i]);
+        if (!(b > 0))
+            continue;
+        double zone = v4_sum(job->above[i]) / b;
+        for (int c = 0; c < 4; c++) {
+            double bc = independent * job->below[i][c];
+            if (!(bc > 0))
+                continue;
+            double d = independent * job->above[i][c] / bc - zone;
+            sq += bc * d * d, wt += bc, er += 1;
+        }
+    }
+    double k_color = 1 / spread(sq, wt, er);
+
+    double k_prior = 0;
+    if (belief > 0) {
+        for (size_t i = 0; i < height * zones; i++)
+            k_prior += (prior[i] - 1) * (prior[i] - 1);
+        k_prior = 1 / ((1 - belief) * k_prior / (double)(height * zones) + 1e-4);
+    }
+    double deviation = 0;
+    for (size_t y = 0; y < height; y++) {
+        double a = 0, b = 0;
+        for (size_t z = 0; z < zones; z++)
+            a += v4_sum(job->above[y * zones + z]), b += v4_sum(job->below[y * zones + z]);
+        a *= independent, b *= independent;
+        for (size_t z = 0; z < zones; z++) {
+            size_t i = y * zones + z;
+            double row = (a + k_row * prior[i]) / (b + k_row);
+            double az = independent * v4_sum(job->above[i]), bz = independent * v4_sum(job->below[i]);
+            double zone = (az + k_zone * row + k_prior * prior[i]) / (bz + k_zone + k_prior);
+            for (int c = 0; c < 4; c++) {
+                double ac = independent * job->above[i][c], bc = independent * job->below[i][c];
+                double gain = (ac + k_color * zone) / (bc + k_color);
+                view->gain[i][c] = (float)(gain < 1e-3 ? 1e-3 : gain > 64 ? 64 : gain);
+                deviation += (gain - 1) * (gain - 1);
+            }
+        }
+    }
+    view->deviation = sqrt(deviation / (4.0 * (double)(height * zones)));
+    return covered / (double)height;
+}
+
+/* Relative residuals of the corrected frame against the longer ones, over short
+ * runs along the rows: banding goes on through a run, noise and misplaced
+ * edges mostly cancel in it. Logarithmic bins. */
+static void residual_rows(void *arg, size_t begin, size_t end, int worker) {
+    const light_job *job = arg;
+    const restore_view *view = job->view;
+    const size_t width = view->light.width;
+    v4 *gain = job->gain_rows + (size_t)worker * width;
+    uint32_t *histogram = job->histogram[worker];
+    for (size_t y = begin; y < end; y++) {
+        restore_view_gain_row(view, y, gain);
+        for (size_t first = 0; first + RUN <= width; first += RUN) {
+            v4 seen = v4_set(0), longer = v4_set(0), noise = v4_set(0), trusted = v4_set(1);
+            for (size_t x = first; x < first + RUN; x++) {
+                size_t i = y * width + x;
+                v4 l = v4_max(light_divide(job->sum->at[i], job->weight->at[i]), v4_set(0));
+                trusted = v4_min(trusted, light_trust(view->trust + 4 * i, job->weight->at[i]));
+                seen += view->light.at[i] / gain[x], longer += l;
+                noise += (view->noise_s * l * gain[x] + view->noise_o) / (gain[x] * gain[x]);
+            }
+            for (int c = 0; c < 4; c++) {
+                if (!(trusted[c] > 0.5f && gain[first][c] > 0.3f && longer[c] > RUN * 0.3f * job->bright[y]))
+                    continue;
+                if (noise[c] > 0.0009f * longer[c] * longer[c])
+                    continue;
+                float r = fabsf(seen[c] / longer[c] - 1);
+                int bin = (int)(log2f(r + 1e-6f) * 20) + 400; /* 1e-6 -> 1, 1 -> 400 */
+                histogram[bin < 0 ? 0 : bin >= HISTOGRAM ? HISTOGRAM - 1 : bin]++;
+            }
+        }
+    }
+}
+
+static double histogram_median(uint32_t (*histogram)[HISTOGRAM], int workers, double *pixels) {
+    uint64_t total[HISTOGRAM] = {0}, all = 0, run = 0;
+    for (int w = 0; w < workers; w++)
+        for (int i = 0; i < HISTOGRAM; i++)
+            total[i] += histogram[w][i], all += histogram[w][i];
+    *pixels = (double)all;
+    for (int i = 0; i < HISTOGRAM; i++) {
+        run += total[i];
+        if (2 * run >= all)
+            return exp2((i - 400 + 0.5) / 20);
+    }
+    return 1;
+}
+
+/* Adds the corrected frame to the picture of the longer ones. */
+static void add_rows(void *arg, size_t begin, size_t end, int worker) {
+    const light_job *job = arg;
+    const restore_view *view = job->view;
+    const size_t width = view->light.width;
+    v4 *gain = job->gain_rows + (size_t)worker * width;
+    for (size_t y = begin; y < end; y++) {
+        restore_view_gain_row(view, y, gain);
+        for (size_t x = 0; x < width; x++) {
+            size_t i = y * width + x;
+            v4 trust = v4_trust(view->trust + 4 * i);
+            if (v4_sum(trust) == 0)
+                continue;
+            v4 light = v4_max(view->light.at[i], v4_set(0)), steady = light / gain[x];
+            v4 off = restore_view_unexplained(view, gain[x]), poor = v4_set(0.02f) / gain[x];
+            v4 variance = (view->noise_s * light + view->noise_o) / (gain[x] * gain[x]) +
+                          (off + poor * poor) * steady * steady + v4_set(1e-10f);
+            v4 w = trust / variance;
+            job->sum->at[i] += w * view->light.at[i] / gain[x];
+            job->weight->at[i] += w;
+        }
+    }
+}
+
+/* Light of the brightest zone of each row, averaged over a sixteenth of the
+ * picture (longer than the usual band). What is much darker than that is seen
+ * through glare from it, whose light is not that of its row, and counts little. */
+static void row_brightness(const restore_view *view, float *bright, float *scratch) {
+    const size_t width = view->light.width, height = view->light.height, reach = height / 32 + 1;
+    const size_t zones = (size_t)view->zones;
+    for (size_t y = 0; y < height; y++) {
+        double brightest = 0;
+        for (size_t z = 0; z < zones; z++) {
+            size_t first = width * z / zones, last = width * (z + 1) / zones;
+            double s = 0;
+            for (size_t x = first; x < last; x++)
+                s += v4_sum(v4_max(view->light.at[y * width + x], v4_set(0)));
+            brightest = fmax(brightest, s / (4.0 * (double)(last - first)));
+        }
+        scratch[y] = (float)brightest;
+    }
+    for (size_t y = 0; y < height; y++) {
+        size_t from = y > reach ? y - reach : 0, to = y + reach < height ? y + reach : height - 1;
+        double s = 0;
+        for (size_t j = from; j <= to; j++)
+            s += scratch[j];
+        bright[y] = (float)(s / (double)(to - from + 1));
+    }
+}
+
+brace_status restore_light(restore_view *views, size_t count, restore_picture *sum, restore_picture *weight,
+                           core_pool *pool, brace_error *error) {
+    const size_t width = sum->width, height = sum->height;
+    const int workers = core_pool_threads(pool);
+    size_t zones = width / 48 < 2 ? 2 : width / 48 > 8 ? 8 : width / 48;
+    brace_status status = BRACE_OK;
+    memset(sum->at, 0, width * height * sizeof(v4));
+    memset(weight->at, 0, width * height * sizeof(v4));
+
+    light_job job = {.sum = sum, .weight = weight};
+    float *bright = core_alloc(2 * height, sizeof(float));
+    float *prior = core_alloc(height * zones, sizeof(float));
+    job.above = core_alloc(height * zones, sizeof(v4));
+    job.below = core_alloc(height * zones, sizeof(v4));
+    job.gain_rows = core_alloc((size_t)workers * width, sizeof(v4));
+    job.histogram = core_alloc((size_t)workers, sizeof *job.histogram);
+    job.bright = bright;
+    if (!bright || !prior || !job.above || !job.below || !job.gain_rows || !job.histogram) {
+        status = core_fail_memory(error, height * zones * 40, "measuring the light");
+        goto done;
+    }
+    for (size_t i = count; i-- > 0;) {
+        restore_view *view = &views[i];
+        job.view = view;
+        view->zones = (int)zones;
+        view->gain = core_alloc(height * zones, sizeof(v4));
+        if (!view->gain) {
+            status = core_fail_memory(error, height * zones * sizeof(v4), "measuring the light");
+            break;
+        }
+        row_brightness(view, bright, bright + height);
+        core_parallel(pool, height, 8, measure_rows, &job);
+        for (size_t k = 0; k < height * zones; k++)
+            prior[k] = 1;
+        double covered = light_gains(&job, prior, 0), periodic = 0;
+        if (covered < 0.95) {
+            status = restore_periodic(prior, &periodic, view, i > 0 ? &views[i - 1] : NULL, pool, error);
+            if (status)
+                break;
+            if (periodic > 0)
+                light_gains(&job, prior, periodic);
+        }
+
+        memset(job.histogram, 0, (size_t)workers * sizeof *job.histogram);
+        core_parallel(pool, height, 8, residual_rows, &job);
+        double pixels, residual = 1.4826 * histogram_median(job.histogram, workers, &pixels);
+        /* What to expect of a frame that nothing could be compared with. */
+        double guess = 0.35 * pow(view->exposure, -0.9);
+        guess = guess > 1.2 ? 1.2 : guess < 0.01 ? 0.01 : guess;
+        if (periodic > 0)
+            guess = fmin(guess, hypot(0.02, 2 * (1 - periodic) * view->deviation));
+        double known = pixels / (pixels + 20);
+        view->banding = (float)(known * residual + (1 - known) * guess);
+        core_parallel(pool, height, 8, add_rows, &job);
+    }
+    /* Light that is steady over a short exposure is so over a longer one. */
+    for (size_t i = 1; i < count && !status; i++)
+        views[i].banding = fminf(views[i].banding, views[i - 1].banding);
+done:
+    core_free(bright), core_free(prior), core_free(job.above), core_free(job.below);
+    core_free(job.gain_rows), core_free(job.histogram);
+    return status;
+}

@@ -1,0 +1,302 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * restore.c: a bracket in, one clean frame out. `reference` hands back the
+ * reference; `merge` aligns (align.c, warp.c), measures the light (light.c),
+ * fuses (fuse.c) and evens out what is still uncertain (smooth.c).
+ */
+#include <math.h>
+#include <string.h>
+
+#include "restore/internal.h"
+
+const char *brace_method_name(brace_method method) {
+    switch (method) {
+    case BRACE_METHOD_REFERENCE:
+        return "reference";
+    case BRACE_METHOD_DEFAULT:
+    case BRACE_METHOD_MERGE:
+        return "merge";
+    }
+    return "unknown";
+}
+
+void brace_restored_destroy(brace_restored *restored) {
+    if (!restored)
+        return;
+    brace_frame_destroy(restored->frame);
+    core_free(restored->mosaic);
+    core_free(restored);
+}
+
+/* In pixels of the mosaic, for the report. */
+static brace_motion motion_report(const restore_motion *m) {
+    double farthest = 0;
+    for (int i = 0; i < m->columns * m->rows; i++)
+        farthest = fmax(farthest, hypot(m->dx[i], m->dy[i]));
+    return (brace_motion){.dx = 2 * m->a[0],
+                          .dy = 2 * m->a[3],
+                          .local = 2 * farthest,
+                          .confidence = m->confidence,
+                          .rotation = 0,
+                          .scale = 1};
+}
+
+/* Rotation and scale need the width that u and v were normalised by. */
+static void motion_shape(brace_motion *out, const restore_motion *m, size_t width) {
+    double half = 0.5 * (double)width;
+    double xx = 1 + m->a[1] / half, xy = m->a[2] / half, yx = m->a[4] / half, yy = 1 + m->a[5] / half;
+    out->rotation = atan2(xy - yx, xx + yy) * (180 / 3.14159265358979323846);
+    out->scale = sqrt(fabs(xx * yy - xy * yx));
+}
+
+typedef struct merge_state {
+    size_t count, made;
+    restore_view view[BRACE_BRACKET_MAX];
+    restore_picture packed, sum, weight, variance;
+    uint8_t *doubt;
+    restore_pyramid *reference, *moved;
+} merge_state;
+
+static brace_status merge_align(merge_state *s, const brace_bracket *bracket, const brace_restore_params *params,
+                                brace_restore_report *report, const brace_job *job, core_pool *pool,
+                                brace_error *error) {
+    const size_t reference = bracket->reference;
+    brace_status status;
+    bool align = !(params && params->no_align);
+    if (align) {
+        restore_pack(&s->packed, bracket->frames[reference], pool);
+        status = restore_pyramid_create(&s->reference, &s->packed, bracket->frames[reference], pool, error);
+        if (status)
+            return status;
+    }
+    for (size_t i = 0; i < bracket->count; i++) {
+        if ((status = core_check_cancel(job, error)))
+            return status;
+        core_progress(job, "aligning", i, bracket->count);
+        const brace_frame *frame = bracket->frames[i];
+        restore_motion motion = {.confidence = 1};
+        restore_pack(&s->packed, frame, pool);
+        if (align && i != reference) {
+            status = restore_pyramid_create(&s->moved, &s->packed, frame, pool, error);
+            if (status)
+                return status;
+            restore_align(&motion, s->reference, s->moved, pool);
+            restore_pyramid_destroy(s->moved);
+            s->moved = NULL;
+        }
+        report->motion[i] = motion_report(&motion);
+        motion_shape(&report->motion[i], &motion, s->packed.width);
+        status = restore_view_create(&s->view[i], &s->packed, frame, bracket->exposure[i],
+                                     align && i != reference ? &motion : NULL, pool, error);
+        if (status)
+            return status;
+        s->made = i + 1;
+        /* Longer frames blur more under a hand's tremor; a frame that hardly
+         * correlates may lie a pixel off. */
+        double lost = 1 - motion.confidence;
+        s->view[i].blur = i == reference ? 0 : (float)(0.4 * pow(fmax(bracket->exposure[i], 1), 0.15) + lost * lost);
+    }
+    core_progress(job, "aligning", bracket->count, bracket->count);
+    return BRACE_OK;
+}
+
+typedef struct pilot_job {
+    const restore_picture *sum, *weight;
+    const restore_view *fallback;
+    restore_picture *out;
+} pilot_job;
+
+/* sum/weight, in place of sum. */
+static void pilot_rows(void *arg, size_t begin, size_t end, int worker) {
+    (void)worker;
+    const pilot_job *job = arg;
+    for (size_t i = begin * job->out->width; i < end * job->out->width; i++) {
+        v4 s = job->sum->at[i], w = job->weight->at[i], f = job->fallback->light.at[i];
+        for (int c = 0; c < 4; c++) {
+            float l = w[c] > 0 ? s[c] / w[c] : f[c];
+            job->out->at[i][c] = l > 0 ? l : 0;
+        }
+    }
+}
+
+/* 3x3 mean: weights must not follow the noise of what they weigh. */
+static void box_rows(void *arg, size_t begin, size_t end, int worker) {
+    (void)worker;
+    const pilot_job *job = arg;
+    const size_t width = job->out->width, height = job->out->height;
+    for (size_t y = begin; y < end; y++) {
+        const v4 *row = job->sum->at + y * width;
+        const v4 *above = y ? row - width : row, *below = y + 1 < height ? row + width : row;
+        for (size_t x = 0; x < width; x++) {
+            size_t l = x ? x - 1 : x, r = x + 1 < width ? x + 1 : x;
+            job->out->at[y * width + x] =
+                (above[l] + above[x] + above[r] + row[l] + row[x] + row[r] + below[l] + below[x] + below[r]) *
+                v4_set(1.0f / 9);
+        }
+    }
+}
+
+static brace_status merge(brace_restored *out, const brace_bracket *bracket, const brace_restore_params *params,
+                          const brace_job *job, core_pool *pool, brace_error *error) {
+    const brace_frame *reference = bracket->frames[bracket->reference];
+    const size_t width = (reference->width + 1) / 2, height = (reference->height + 1) / 2;
+    brace_restore_report *report = &out->report;
+    merge_state s = {.count = bracket->count};
+    double start = core_seconds();
+
+    brace_status status = restore_picture_create(&s.packed, width, height, "a packed frame", error);
+    if (status)
+        goto done;
+    status = merge_align(&s, bracket, params, report, job, pool, error);
+    if (status)
+        goto done;
+    restore_pyramid_destroy(s.reference);
+    s.reference = NULL;
+    report->seconds_align = core_seconds() - start;
+
+    if ((status = core_check_cancel(job, error)))
+        goto done;
+    start = core_seconds();
+    s.sum = s.packed, s.packed.at = NULL;
+    status = restore_picture_create(&s.weight, width, height, "the merged picture", error);
+    if (status)
+        goto done;
+    core_progress(job, "measuring light", 0, 1);
+    status = restore_light(s.view, s.count, &s.sum, &s.weight, pool, error);
+    if (status)
+        goto done;
+    core_progress(job, "measuring light", 1, 1);
+    report->seconds_light = core_seconds() - start;
+
+    if ((status = core_check_cancel(job, error)))
+        goto done;
+    start = core_seconds();
+    core_progress(job, "fusing", 0, 2);
+    pilot_job pilot = {&s.sum, &s.weight, &s.view[0], &s.sum};
+    core_parallel(pool, height, 16, pilot_rows, &pilot);
+    pilot.out = &s.weight;
+    core_parallel(pool, height, 16, box_rows, &pilot);
+    status = restore_picture_create(&s.variance, width, height, "the merged picture's error", error);
+    if (status)
+        goto done;
+    s.doubt = core_alloc(width * height, 1);
+    if (!s.doubt) {
+        status = core_fail_memory(error, width * height, "the merged picture's error");
+        goto done;
+    }
+    status = restore_fuse(s.view, s.count, bracket->reference, &s.weight, &s.sum, &s.variance, s.doubt, pool, error);
+    if (status)
+        goto done;
+    for (size_t i = 0; i < s.count; i++) {
+        report->weight[i] = s.view[i].weight;
+        report->banding[i] = hypot(s.view[i].deviation, s.view[i].banding);
+        restore_view_free(&s.view[i]);
+    }
+    core_progress(job, "fusing", 1, 2);
+    if ((status = core_check_cancel(job, error)))
+        goto done;
+    /* Twice: what the first pass has agreed on bridges wider stripes in the second. */
+    restore_smooth(&s.weight, &s.sum, &s.variance, s.doubt, 16, pool);
+    restore_smooth(&s.sum, &s.weight, &s.variance, s.doubt, 10, pool);
+    restore_picture_free(&s.variance);
+    restore_unpack(out->mosaic, reference, &s.sum, pool);
+    core_progress(job, "fusing", 2, 2);
+    report->seconds_fuse = core_seconds() - start;
+done:
+    for (size_t i = 0; i < s.count; i++)
+        restore_view_free(&s.view[i]);
+    restore_pyramid_destroy(s.reference), restore_pyramid_destroy(s.moved);
+    restore_picture_free(&s.packed), restore_picture_free(&s.sum);
+    restore_picture_free(&s.weight), restore_picture_free(&s.variance);
+    core_free(s.doubt);
+    return status;
+}
+
+typedef struct mosaic_job {
+    brace_frame *frame;
+    float *mosaic;
+    uint32_t *clipped; /* a row */
+} mosaic_job;
+
+static void normalise_rows(void *arg, size_t begin, size_t end, int worker) {
+    (void)worker;
+    const mosaic_job *job = arg;
+    const brace_frame *f = job->frame;
+    for (size_t y = begin; y < end; y++)
+        for (size_t x = 0; x < f->width; x++) {
+            float black = f->black[(y & 1) * 2 + (x & 1)];
+            job->mosaic[y * f->width + x] = ((float)f->data[y * f->width + x] - black) / (f->white - black);
+        }
+}
+
+/* To raw units, rounded. Noise below black is kept as far as raw numbers go. */
+static void quantise_rows(void *arg, size_t begin, size_t end, int worker) {
+    (void)worker;
+    const mosaic_job *job = arg;
+    brace_frame *f = job->frame;
+    for (size_t y = begin; y < end; y++) {
+        uint32_t clipped = 0;
+        for (size_t x = 0; x < f->width; x++) {
+            float black = f->black[(y & 1) * 2 + (x & 1)];
+            float v = job->mosaic[y * f->width + x] * (f->white - black) + black;
+            clipped += v >= f->white;
+            v = v < 0 ? 0 : v > f->white ? f->white : v;
+            f->data[y * f->width + x] = (uint16_t)(v + 0.5f);
+        }
+        job->clipped[y] = clipped;
+    }
+}
+
+brace_status brace_restore(brace_restored **out, const brace_bracket *bracket, const brace_restore_params *params,
+                           const brace_job *job, brace_error *error) {
+    brace_method method = params ? params->method : BRACE_METHOD_DEFAULT;
+    if (method == BRACE_METHOD_DEFAULT)
+        method = BRACE_METHOD_MERGE;
+    if (method != BRACE_METHOD_REFERENCE && method != BRACE_METHOD_MERGE)
+        return core_fail(error, BRACE_ERROR_ARGUMENT, "restoration method %d is unknown", (int)method);
+    const brace_frame *reference = bracket->frames[bracket->reference];
+    const size_t count = (size_t)reference->width * reference->height;
+
+    brace_restored *r = core_calloc(1, sizeof *r);
+    if (!r)
+        return core_fail_memory(error, sizeof *r, "the result");
+    core_pool *pool = NULL;
+    uint32_t *clipped = NULL;
+    brace_status status = core_pool_create(&pool, job, error);
+    if (!status)
+        status = brace_frame_clone(&r->frame, reference, error);
+    if (!status) {
+        r->mosaic = core_alloc(count, sizeof(float));
+        clipped = core_calloc(reference->height, sizeof *clipped);
+        if (!r->mosaic || !clipped)
+            status = core_fail_memory(error, count * sizeof(float), "the result");
+    }
+    if (!status) {
+        r->report.method = method;
+        for (size_t i = 0; i < bracket->count; i++)
+            r->report.motion[i] = (brace_motion){.scale = 1, .confidence = 1};
+        r->report.weight[bracket->reference] = method == BRACE_METHOD_REFERENCE;
+        mosaic_job rows = {r->frame, r->mosaic, clipped};
+        if (method == BRACE_METHOD_MERGE) {
+            status = merge(r, bracket, params, job, pool, error);
+            if (!status)
+                core_parallel(pool, reference->height, 32, quantise_rows, &rows);
+        } else {
+            core_parallel(pool, reference->height, 32, normalise_rows, &rows);
+            for (size_t i = 0; i < count; i++)
+                clipped[0] += (float)reference->data[i] >= reference->white;
+        }
+        double all = 0;
+        for (size_t y = 0; y < reference->height; y++)
+            all += clipped[y];
+        r->report.clipped = all / (double)count;
+    }
+    core_free(clipped);
+    core_pool_destroy(pool);
+    if (status) {
+        brace_restored_destroy(r);
+        return status;
+    }
+    *out = r;
+    return BRACE_OK;
+}

@@ -1,0 +1,11 @@
+#!/bin/bash
+# SPDX-License-Identifier: Apache-2.0
+# scripts/demo.sh, which the README's first command runs.
+source "$(dirname "$0")/lib.sh"
+last='scripts/demo.sh'
+bash "$root/scripts/demo.sh" "$brace" shown >out 2>err; is 'exit code' $? 0
+for file in restored.dng restored.png reference.png; do
+    exists "shown/$file"
+    prints "shown/$file"
+done
+finish
