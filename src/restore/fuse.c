@@ -21,7 +21,7 @@ typedef struct fuse_job {
     restore_view *views;
     size_t count, reference;
     const restore_picture *pilot;
-    restore_picture *out, *variance;
+    restore_picture *out, *precision;
     uint8_t *doubt;
     v4 *rows;          /* for each worker and view: gains, and light without them */
     double *row_share; /* height*count */
@@ -81,13 +81,13 @@ static void fuse_rows(void *arg, size_t begin, size_t end, int worker) {
                 sum += w[i] * steady[i * pitch + x + 2];
                 weight += w[i];
             }
-            v4 value, error;
+            v4 value, precision;
             float doubt = 0;
             for (int c = 0; c < 4; c++) {
                 bool known = weight[c] > 0;
                 /* Clipped in every frame: at least as bright as the shortest one can tell. */
                 value[c] = known ? sum[c] / weight[c] : job->views[0].light.at[k][c];
-                error[c] = known ? 1 / weight[c] : value[c] * value[c];
+                precision[c] = known ? weight[c] : 1 / (value[c] * value[c] + 1e-10f);
                 float banding = 0;
                 for (size_t i = 0; i < count && known; i++) {
                     float part = w[i][c] / weight[c];
@@ -99,14 +99,14 @@ static void fuse_rows(void *arg, size_t begin, size_t end, int worker) {
             doubt = sqrtf(doubt) / RESTORE_DOUBT;
             job->doubt[k] = (uint8_t)(doubt < 255 ? doubt : 255);
             job->out->at[k] = value;
-            job->variance->at[k] = error;
+            job->precision->at[k] = precision;
         }
         memcpy(job->row_share + y * count, share, count * sizeof(double));
     }
 }
 
 brace_status restore_fuse(restore_view *views, size_t count, size_t reference, const restore_picture *pilot,
-                          restore_picture *out, restore_picture *variance, uint8_t *doubt, core_pool *pool,
+                          restore_picture *out, restore_picture *precision, uint8_t *doubt, core_pool *pool,
                           brace_error *error) {
     const size_t width = out->width, height = out->height;
     size_t workers = (size_t)core_pool_threads(pool);
@@ -115,7 +115,7 @@ brace_status restore_fuse(restore_view *views, size_t count, size_t reference, c
                     reference,
                     pilot,
                     out,
-                    variance,
+                    precision,
                     doubt,
                     core_alloc(workers * count * (2 * width + 4), sizeof(v4)),
                     core_alloc(height * count, sizeof(double))};

@@ -95,19 +95,18 @@ void restore_view_gain_row(const restore_view *view, size_t y, v4 *row);
 brace_status restore_light(restore_view *views, size_t count, restore_picture *sum, restore_picture *weight,
                            core_pool *pool, brace_error *error);
 
-/* fuse.c: the weighted mean of all views. `variance` receives its expected
- * error; `doubt`, one byte a pixel, the relative deviation that unexplained
+/* fuse.c: the weighted mean of all views. `precision` receives the
+ * inverse of its expected variance; `doubt`, one byte a pixel, the relative deviation that unexplained
  * banding leaves in it, in units of RESTORE_DOUBT. */
 #define RESTORE_DOUBT (1.0f / 256.0f)
 brace_status restore_fuse(restore_view *views, size_t count, size_t reference, const restore_picture *pilot,
-                          restore_picture *out, restore_picture *variance, uint8_t *doubt, core_pool *pool,
+                          restore_picture *out, restore_picture *precision, uint8_t *doubt, core_pool *pool,
                           brace_error *error);
 
 /* smooth.c: where doubt is large, borrows from pixels nearby that agree within
- * their errors; `tolerance` is how often their variance still agrees (banding
- * has heavier tails than noise). */
-void restore_smooth(restore_picture *out, const restore_picture *in, const restore_picture *variance,
-                    const uint8_t *doubt, float tolerance, core_pool *pool);
+ * their errors. In place; `scratch` is overwritten. */
+void restore_smooth(restore_picture *picture, restore_picture *scratch, const restore_picture *precision,
+                    const uint8_t *doubt, core_pool *pool);
 
 static inline v4 v4_set(float x) {
     return (v4){x, x, x, x};

@@ -252,10 +252,17 @@ static void add_rows(void *arg, size_t begin, size_t end, int worker) {
             v4 trust = v4_trust(view->trust + 4 * i);
             if (v4_sum(trust) == 0)
                 continue;
-            v4 light = v4_max(view->light.at[i], v4_set(0)), steady = light / gain[x];
+            /* Weights must not follow the sample's own error, or low ones would win. */
+            v4 mean = v4_set(0);
+            for (size_t j = x > 2 ? x - 3 : 0; j <= x + 3 && j < width; j++)
+                mean += view->light.at[y * width + j];
+            mean = v4_max(mean * v4_set(1.0f / 7), v4_set(0)) / gain[x];
+            for (int c = 0; c < 4; c++)
+                if (job->weight->at[i][c] > 0)
+                    mean[c] = fmaxf(job->sum->at[i][c] / job->weight->at[i][c], 0);
             v4 off = restore_view_unexplained(view, gain[x]), poor = v4_set(0.02f) / gain[x];
-            v4 variance = (view->noise_s * light + view->noise_o) / (gain[x] * gain[x]) +
-                          (off + poor * poor) * steady * steady + v4_set(1e-10f);
+            v4 variance = (view->noise_s * mean * gain[x] + view->noise_o) / (gain[x] * gain[x]) +
+                          (off + poor * poor) * mean * mean + v4_set(1e-10f);
             v4 w = trust / variance;
             job->sum->at[i] += w * view->light.at[i] / gain[x];
             job->weight->at[i] += w;

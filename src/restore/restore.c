@@ -52,7 +52,7 @@ static void motion_shape(brace_motion *out, const restore_motion *m, size_t widt
 typedef struct merge_state {
     size_t count, made;
     restore_view view[BRACE_BRACKET_MAX];
-    restore_picture packed, sum, weight, variance;
+    restore_picture packed, sum, weight, precision;
     uint8_t *doubt;
     restore_pyramid *reference, *moved;
 } merge_state;
@@ -176,15 +176,15 @@ static brace_status merge(brace_restored *out, const brace_bracket *bracket, con
     core_parallel(pool, height, 16, pilot_rows, &pilot);
     pilot.out = &s.weight;
     core_parallel(pool, height, 16, box_rows, &pilot);
-    status = restore_picture_create(&s.variance, width, height, "the merged picture's error", error);
+    status = restore_picture_create(&s.precision, width, height, "the merged picture's precision", error);
     if (status)
         goto done;
     s.doubt = core_alloc(width * height, 1);
     if (!s.doubt) {
-        status = core_fail_memory(error, width * height, "the merged picture's error");
+        status = core_fail_memory(error, width * height, "the merged picture's precision");
         goto done;
     }
-    status = restore_fuse(s.view, s.count, bracket->reference, &s.weight, &s.sum, &s.variance, s.doubt, pool, error);
+    status = restore_fuse(s.view, s.count, bracket->reference, &s.weight, &s.sum, &s.precision, s.doubt, pool, error);
     if (status)
         goto done;
     for (size_t i = 0; i < s.count; i++) {
@@ -195,10 +195,8 @@ static brace_status merge(brace_restored *out, const brace_bracket *bracket, con
     core_progress(job, "fusing", 1, 2);
     if ((status = core_check_cancel(job, error)))
         goto done;
-    /* Twice: what the first pass has agreed on bridges wider stripes in the second. */
-    restore_smooth(&s.weight, &s.sum, &s.variance, s.doubt, 16, pool);
-    restore_smooth(&s.sum, &s.weight, &s.variance, s.doubt, 10, pool);
-    restore_picture_free(&s.variance);
+    restore_smooth(&s.sum, &s.weight, &s.precision, s.doubt, pool);
+    restore_picture_free(&s.precision);
     restore_unpack(out->mosaic, reference, &s.sum, pool);
     core_progress(job, "fusing", 2, 2);
     report->seconds_fuse = core_seconds() - start;
@@ -207,7 +205,7 @@ done:
         restore_view_free(&s.view[i]);
     restore_pyramid_destroy(s.reference), restore_pyramid_destroy(s.moved);
     restore_picture_free(&s.packed), restore_picture_free(&s.sum);
-    restore_picture_free(&s.weight), restore_picture_free(&s.variance);
+    restore_picture_free(&s.weight), restore_picture_free(&s.precision);
     core_free(s.doubt);
     return status;
 }

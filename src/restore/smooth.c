@@ -19,10 +19,10 @@
 static const float worth = 0.04f, fully = 0.08f;
 
 typedef struct smooth_job {
-    const restore_picture *in, *variance;
+    const restore_picture *in, *precision;
     const uint8_t *doubt;
     restore_picture *out;
-    ptrdiff_t reach_x, reach_y, step;
+    ptrdiff_t reach_x, step_x, reach_y, step;
     float tolerance;
 } smooth_job;
 
@@ -34,7 +34,7 @@ static void smooth_rows(void *arg, size_t begin, size_t end, int worker) {
     for (ptrdiff_t y = (ptrdiff_t)begin; y < (ptrdiff_t)end; y++)
         for (ptrdiff_t x = 0; x < width; x++) {
             const ptrdiff_t i = y * width + x;
-            const v4 here = job->in->at[i], error = job->variance->at[i];
+            const v4 here = job->in->at[i], own = job->precision->at[i];
             float doubt = ((float)job->doubt[i] * RESTORE_DOUBT - worth) / (fully - worth);
             if (!(doubt > 0)) {
                 job->out->at[i] = here;
@@ -44,15 +44,15 @@ static void smooth_rows(void *arg, size_t begin, size_t end, int worker) {
             for (ptrdiff_t dy = -job->reach_y; dy <= job->reach_y; dy += job->step) {
                 if (y + dy < 0 || y + dy >= height)
                     continue;
-                for (ptrdiff_t dx = -job->reach_x; dx <= job->reach_x; dx += job->step) {
+                for (ptrdiff_t dx = -job->reach_x; dx <= job->reach_x; dx += job->step_x) {
                     if (x + dx < 0 || x + dx >= width)
                         continue;
                     ptrdiff_t j = i + dy * width + dx;
-                    v4 there = job->in->at[j], its = job->variance->at[j], d = there - here;
-                    float far = 0.25f * v4_sum(d * d / (error + its + v4_set(1e-12f)));
+                    v4 there = job->in->at[j], its = job->precision->at[j], d = there - here;
+                    float far = 0.25f * v4_sum(d * d * own * its / (own + its)); /* d^2 over the sum of variances */
                     float like = far * inverse; /* two equal pixels differ by far = 1 */
                     like = 1 / (1 + like * like * like * like);
-                    v4 w = v4_set(like) / (its + v4_set(1e-12f));
+                    v4 w = v4_set(like);
                     sum += w * there, weight += w;
                 }
             }
@@ -61,10 +61,13 @@ static void smooth_rows(void *arg, size_t begin, size_t end, int worker) {
         }
 }
 
-void restore_smooth(restore_picture *out, const restore_picture *in, const restore_picture *variance,
-                    const uint8_t *doubt, float tolerance, core_pool *pool) {
+void restore_smooth(restore_picture *picture, restore_picture *scratch, const restore_picture *precision,
+                    const uint8_t *doubt, core_pool *pool) {
     /* Stripes are as wide as the readout makes them: a share of the height. */
-    ptrdiff_t step = (ptrdiff_t)(in->height / 720) + 1;
-    smooth_job job = {in, variance, doubt, out, 3 * step, 20 * step, step, tolerance};
-    core_parallel(pool, in->height, 4, smooth_rows, &job);
+    const ptrdiff_t step = (ptrdiff_t)(picture->height / 720) + 1;
+    smooth_job job = {picture, precision, doubt, scratch, 3 * step, 3 * step, 20 * step, step, 6};
+    core_parallel(pool, picture->height, 4, smooth_rows, &job);
+    /* Again: what the first pass has agreed on bridges wider stripes in the second. */
+    job.in = scratch, job.out = picture, job.tolerance = 4;
+    core_parallel(pool, picture->height, 4, smooth_rows, &job);
 }

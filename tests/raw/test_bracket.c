@@ -162,7 +162,7 @@ static void test_refusals(void **state) {
         times[i] = f[i]->exposure_time;
         f[i]->exposure_time = i == 0 ? 0.0101 : 0.01;
     }
-    assert_refused(f, 5, NULL, BRACE_ERROR_MISMATCH, "all 5 frames have the same exposure");
+    assert_refused(f, 5, NULL, BRACE_ERROR_MISMATCH, "all 5 frames, from ");
     for (int i = 0; i < 5; i++) {
         f[i]->exposure_time = times[i];
     }

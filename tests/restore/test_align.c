@@ -20,8 +20,8 @@ static void check_motion(const scene *s, double shift_tolerance) {
         const brace_motion *m = &restored->report.motion[i];
         double want = (i - 2) * s->shift;
         if (fabs(m->dx - want) > shift_tolerance || fabs(m->dy - want) > shift_tolerance || fabs(m->scale - 1) > 2e-3)
-            fail_msg("frame %d: found (%.2f, %.2f) scale %.4f confidence %.2f, moved by %.2f", i, m->dx, m->dy, m->scale,
-                     m->confidence, want);
+            fail_msg("frame %d: found (%.2f, %.2f) scale %.4f confidence %.2f, moved by %.2f", i, m->dx, m->dy,
+                     m->scale, m->confidence, want);
     }
     brace_restored_destroy(restored);
     brace_bracket_destroy(bracket);
