@@ -45,6 +45,11 @@ typedef struct brace_develop_params {
     double exposure;         /* EV added in linear light; 0: as recorded */
     brace_sample sample;     /* of the result */
     brace_transfer transfer; /* of the result */
+    /* brace_develop_linear only: up to which value the mosaic holds light. A merge
+     * finds more than white (1) in the shorter frames: 1/exposure of the shortest.
+     * Float results keep all of it, others what a negative `exposure` brings
+     * below white. 0: 1, where the sensor clips. */
+    double highlights;
     bool as_stored;          /* true: do not turn the picture upright */
     uint32_t reserved[8];
 } brace_develop_params;

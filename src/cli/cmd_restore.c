@@ -39,8 +39,9 @@ static int parse(arguments *a, int argc, char **argv) {
          &a->bits, 8, 32},
         {CLI_INT, 0, "quality", "N", "of JPEG and WebP, 1 to 100, default 92", &a->quality, 1, 100},
         {CLI_NUMBER, 0, "exposure", "EV",
-         "make the pictures brighter by this many stops;\n"
-         "DNGs stay as they are",
+         "make the pictures brighter by this many stops; below 0,\n"
+         "highlights that only short frames hold come back. DNGs\n"
+         "stay as they are",
          &a->exposure, -10, 10},
         {CLI_HEADING, 0, NULL, NULL, "Bracket", NULL, 0, 0},
         {CLI_TEXT, 'r', "reference", "FRAME",
@@ -295,6 +296,8 @@ static int work(const arguments *a, const cli_paths *frames, const brace_bracket
         status = brace_restore(&restored, bracket, restore_params, &job, &error);
     }
     if (status == BRACE_OK) {
+        /* What a merge finds above white lasts to where the shortest frame clips. */
+        out->highlights = restored->report.method == BRACE_METHOD_MERGE ? 1 / bracket->exposure[0] : 1;
         status = outputs_write(out, restored, &job, &error);
     }
     t.total = core_seconds() - start;

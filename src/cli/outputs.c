@@ -177,7 +177,7 @@ brace_status outputs_write(outputs *out, const brace_restored *restored, const b
     brace_status status = BRACE_OK;
     double start = core_seconds();
     if (pictures) {
-        brace_develop_params params = {.sample = finest, .exposure = out->exposure};
+        brace_develop_params params = {.sample = finest, .exposure = out->exposure, .highlights = out->highlights};
         if (finest == BRACE_SAMPLE_F32) {
             params.transfer = BRACE_TRANSFER_LINEAR; /* float TIFFs are linear; the others are encoded when written */
         }

@@ -30,6 +30,7 @@ typedef struct outputs {
     size_t count;
     int bits, quality; /* 0: the default of each format */
     double exposure;   /* EV added to the pictures, not to DNGs */
+    double highlights; /* up to which value the restored mosaic holds light; see brace_develop_params */
     double seconds_develop, seconds_write;
 } outputs;
 

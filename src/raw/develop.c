@@ -43,9 +43,9 @@ static inline float normalise(uint16_t sample, float black, float scale) {
     return ((float)sample - black) * scale;
 }
 
-static inline float balance(float v, float wb) {
+static inline float balance(float v, float wb, float white) {
     v = v * wb;
-    v = v < 1.0f ? v : 1.0f; /* NaN becomes 1 */
+    v = v < white ? v : white; /* NaN becomes white */
     return v > lowest ? v : lowest;
 }
 
@@ -111,6 +111,7 @@ typedef struct develop_work {
     float wb[3];
     float to_red[3], to_blue[3]; /* columns of camera_to_srgb */
     float gain;
+    float white; /* where light is clipped, before the gain */
     brace_image *image;
     unsigned char *origin;    /* where pixel (0, 0) of the frame goes */
     ptrdiff_t step_x, step_y; /* bytes from there to its right and lower neighbour */
@@ -138,14 +139,14 @@ static void load_tile(const develop_work *work, raw_tile *tile, int64_t x0, int6
         if (work->mosaic != NULL) {
             const float *in = work->mosaic + at;
             for (int c = inside; c < outside; c++) {
-                out[c] = balance(in[left + c], c & 1 ? wb[1] : wb[0]);
+                out[c] = balance(in[left + c], c & 1 ? wb[1] : wb[0], work->white);
             }
         } else {
             const uint16_t *in = frame->data + at;
             const float b0 = black[0], b1 = black[1];
             for (int c = inside; c < outside; c++) {
                 const float v = normalise(in[left + c], c & 1 ? b1 : b0, c & 1 ? scale[1] : scale[0]);
-                out[c] = balance(v, c & 1 ? wb[1] : wb[0]);
+                out[c] = balance(v, c & 1 ? wb[1] : wb[0], work->white);
             }
         }
         for (int c = 0; c < inside; c++) {
@@ -164,12 +165,12 @@ static void convert_row(const develop_work *work, const raw_tile *tile, size_t a
                           *restrict blue = tile->rgb[2] + at;
     const float r0 = work->to_red[0], r1 = work->to_red[1], r2 = work->to_red[2];
     const float b0 = work->to_blue[0], b1 = work->to_blue[1], b2 = work->to_blue[2];
-    const float gain = work->gain;
+    const float gain = work->gain, white = work->white;
     for (int x = 0; x < tile->width; x++) {
         /* What interpolation overshoots white would tint highlights. */
-        const float r = red[x] < 1.0f ? red[x] : 1.0f;
-        const float g = green[x] < 1.0f ? green[x] : 1.0f;
-        const float b = blue[x] < 1.0f ? blue[x] : 1.0f;
+        const float r = red[x] < white ? red[x] : white;
+        const float g = green[x] < white ? green[x] : white;
+        const float b = blue[x] < white ? blue[x] : white;
         const float dr = r - g, db = b - g;
         line[3 * x] = gain * (g + (r0 * dr + b0 * db));
         line[3 * x + 1] = gain * (g + (r1 * dr + b1 * db));
@@ -292,6 +293,11 @@ brace_status raw_develop(brace_image **out, const float *mosaic, const brace_fra
     }
     develop_work work = {.frame = frame, .mosaic = mosaic, .job = job, .method = p->demosaic};
     work.gain = (float)exp2(p->exposure);
+    work.white = 1;
+    if (mosaic != NULL && p->highlights > 1) {
+        const double visible = p->sample == BRACE_SAMPLE_F32 ? p->highlights : exp2(-p->exposure);
+        work.white = (float)fmin(fmax(visible, 1), p->highlights);
+    }
     for (int c = 0; c < 3; c++) {
         work.wb[c] = (float)color.wb[c];
         work.to_red[c] = (float)color.camera_to_srgb[3 * c];

@@ -180,9 +180,11 @@ static double light_gains(light_job *job, const float *prior, double belief) {
             double row = (a + k_row * prior[i]) / (b + k_row);
             double az = independent * v4_sum(job->above[i]), bz = independent * v4_sum(job->below[i]);
             double zone = (az + k_zone * row + k_prior * prior[i]) / (bz + k_zone + k_prior);
+            /* The two rows of a packed pixel are exposed at two times, a quarter before and after its mean. */
+            double slope = y > 0 && y + 1 < height ? 0.125 * (prior[i + zones] - prior[i - zones]) : 0;
             for (int c = 0; c < 4; c++) {
                 double ac = independent * job->above[i][c], bc = independent * job->below[i][c];
-                double gain = (ac + k_color * zone) / (bc + k_color);
+                double gain = (ac + k_color * (zone + (c < 2 ? -slope : slope))) / (bc + k_color);
                 view->gain[i][c] = (float)(gain < 1e-3 ? 1e-3 : gain > 64 ? 64 : gain);
                 deviation += (gain - 1) * (gain - 1);
             }

@@ -349,10 +349,12 @@ brace_status restore_periodic(float *gain, double *found, const restore_view *vi
         }
         extend_cycles(gain + z, zones, height, cycles, period);
     }
-    /* What repeats is banding, the rest content; the median of nine keeps less than
-     * a tenth of the power of what is as sparse as edges are. Wiener's share is believed. */
+    /* What repeats is banding, the rest content; of content, as sparse as edges
+     * are, the median of nine keeps some hundredths of the power, and Wiener's
+     * share of the sum is believed. Little repetition can be chance. */
     double repeats = rep.square > 0 ? rep.product / rep.square : 0;
-    *found = repeats > 0.1 ? repeats / (repeats + 0.08 * (1 - repeats)) : 0;
+    double chance = fmin(fmax((repeats - 0.2) / 0.2, 0), 1);
+    *found = chance > 0 ? chance * repeats / (repeats + 0.02 * (1 - repeats)) : 0;
     /* What is still open: the nearest zone that knows, or steady light. */
     for (size_t y = 0; y < height; y++) {
         float *g = gain + y * zones;

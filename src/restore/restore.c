@@ -7,6 +7,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "raw/isp.h"
 #include "restore/internal.h"
 
 const char *brace_method_name(brace_method method) {
@@ -210,41 +211,6 @@ done:
     return status;
 }
 
-typedef struct mosaic_job {
-    brace_frame *frame;
-    float *mosaic;
-    uint32_t *clipped; /* a row */
-} mosaic_job;
-
-static void normalise_rows(void *arg, size_t begin, size_t end, int worker) {
-    (void)worker;
-    const mosaic_job *job = arg;
-    const brace_frame *f = job->frame;
-    for (size_t y = begin; y < end; y++)
-        for (size_t x = 0; x < f->width; x++) {
-            float black = f->black[(y & 1) * 2 + (x & 1)];
-            job->mosaic[y * f->width + x] = ((float)f->data[y * f->width + x] - black) / (f->white - black);
-        }
-}
-
-/* To raw units, rounded. Noise below black is kept as far as raw numbers go. */
-static void quantise_rows(void *arg, size_t begin, size_t end, int worker) {
-    (void)worker;
-    const mosaic_job *job = arg;
-    brace_frame *f = job->frame;
-    for (size_t y = begin; y < end; y++) {
-        uint32_t clipped = 0;
-        for (size_t x = 0; x < f->width; x++) {
-            float black = f->black[(y & 1) * 2 + (x & 1)];
-            float v = job->mosaic[y * f->width + x] * (f->white - black) + black;
-            clipped += v >= f->white;
-            v = v < 0 ? 0 : v > f->white ? f->white : v;
-            f->data[y * f->width + x] = (uint16_t)(v + 0.5f);
-        }
-        job->clipped[y] = clipped;
-    }
-}
-
 brace_status brace_restore(brace_restored **out, const brace_bracket *bracket, const brace_restore_params *params,
                            const brace_job *job, brace_error *error) {
     brace_method method = params ? params->method : BRACE_METHOD_DEFAULT;
@@ -255,41 +221,43 @@ brace_status brace_restore(brace_restored **out, const brace_bracket *bracket, c
     const brace_frame *reference = bracket->frames[bracket->reference];
     const size_t count = (size_t)reference->width * reference->height;
 
+    brace_status status = BRACE_OK;
+    for (size_t i = 0; i < bracket->count && !status; i++)
+        status = raw_check_frame(bracket->frames[i], error);
+    if (status)
+        return status;
+
     brace_restored *r = core_calloc(1, sizeof *r);
     if (!r)
         return core_fail_memory(error, sizeof *r, "the result");
     core_pool *pool = NULL;
-    uint32_t *clipped = NULL;
-    brace_status status = core_pool_create(&pool, job, error);
+    status = core_pool_create(&pool, job, error);
     if (!status)
         status = brace_frame_clone(&r->frame, reference, error);
     if (!status) {
         r->mosaic = core_alloc(count, sizeof(float));
-        clipped = core_calloc(reference->height, sizeof *clipped);
-        if (!r->mosaic || !clipped)
+        if (!r->mosaic)
             status = core_fail_memory(error, count * sizeof(float), "the result");
     }
     if (!status) {
         r->report.method = method;
         for (size_t i = 0; i < bracket->count; i++)
             r->report.motion[i] = (brace_motion){.scale = 1, .confidence = 1};
-        r->report.weight[bracket->reference] = method == BRACE_METHOD_REFERENCE;
-        mosaic_job rows = {r->frame, r->mosaic, clipped};
         if (method == BRACE_METHOD_MERGE) {
             status = merge(r, bracket, params, job, pool, error);
             if (!status)
-                core_parallel(pool, reference->height, 32, quantise_rows, &rows);
+                raw_quantise(r->frame, r->mosaic, pool);
         } else {
-            core_parallel(pool, reference->height, 32, normalise_rows, &rows);
-            for (size_t i = 0; i < count; i++)
-                clipped[0] += (float)reference->data[i] >= reference->white;
+            r->report.weight[bracket->reference] = 1;
+            raw_normalise(reference, r->mosaic, pool);
         }
-        double all = 0;
-        for (size_t y = 0; y < reference->height; y++)
-            all += clipped[y];
-        r->report.clipped = all / (double)count;
     }
-    core_free(clipped);
+    if (!status) {
+        size_t clipped = 0;
+        for (size_t i = 0; i < count; i++)
+            clipped += r->mosaic[i] >= 1;
+        r->report.clipped = (double)clipped / (double)count;
+    }
     core_pool_destroy(pool);
     if (status) {
         brace_restored_destroy(r);

@@ -482,8 +482,33 @@ static void every_layout_can_be_undeveloped(void **state) {
     free(frame.data);
 }
 
+static void test_highlights(void **state) {
+    (void)state;
+    /* Four times white, two stops down: back where the screen had it, if it is said to be light. */
+    brace_frame *frame = NULL;
+    brace_error error;
+    assert_int_equal(brace_frame_create(&frame, 16, 12, BRACE_CFA_GRBG, &error), BRACE_OK);
+    frame->as_shot_neutral[0] = 0.5, frame->as_shot_neutral[2] = 0.7;
+    float mosaic[16 * 12];
+    for (uint32_t y = 0; y < 12; y++)
+        for (uint32_t x = 0; x < 16; x++)
+            mosaic[y * 16 + x] = 3.2f * (float)frame->as_shot_neutral[brace_cfa_color(frame->cfa, x, y)];
+    for (int kept = 0; kept < 2; kept++) {
+        brace_develop_params params = {
+            .sample = BRACE_SAMPLE_U16, .transfer = BRACE_TRANSFER_LINEAR, .exposure = -2, .highlights = kept ? 16 : 0};
+        brace_image *image = NULL;
+        assert_int_equal(brace_develop_linear(&image, mosaic, frame, &params, NULL, &error), BRACE_OK);
+        const uint16_t *pixel = image->data;
+        for (int i = 0; i < 16 * 12 * 3; i++)
+            assert_true(abs(pixel[i] - (kept ? 52428 : 16384)) <= 2);
+        brace_image_destroy(image);
+    }
+    brace_frame_destroy(frame);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_highlights),
         cmocka_unit_test(colors_agree_with_numpy),
         cmocka_unit_test(hostile_colors_become_identity),
         cmocka_unit_test(levels_round_trip),
