@@ -151,8 +151,8 @@ brace_status restore_pyramid_create(restore_pyramid **out, const restore_picture
         .picture = picture, .frame = frame, .width = width, .height = height, .out = light, .out_valid = valid};
     core_parallel(pool, height, 16, color_rows, &b);
     for (int i = 0; i < 3; i++) { /* the binomial averages noise over about 13 pixels, green is already two */
-        b.noise_s[i] = (float)(frame->noise[i][0] / (i == 1 ? 26 : 13));
-        b.noise_o[i] = (float)(frame->noise[i][1] / (i == 1 ? 26 : 13));
+        b.noise_s[i] = (float)(fmin(fmax(frame->noise[i][0], 0), 1) / (i == 1 ? 26 : 13));
+        b.noise_o[i] = (float)(fmin(fmax(frame->noise[i][1], 0), 1) / (i == 1 ? 26 : 13));
     }
     for (;;) {
         if (width <= BASE_SIDE && height <= BASE_SIDE) {
@@ -409,6 +409,9 @@ void restore_align(restore_motion *out, const restore_pyramid *reference, const 
                    core_pool *pool) {
     align_sums sums[RESTORE_GRID * RESTORE_GRID];
     restore_motion motion = {0};
+    *out = motion;
+    if (reference->count == 0 || moved->count == 0)
+        return; /* a picture a few pixels high has nothing to align */
     align_run run = {.motion = &motion, .columns = 1, .rows = 1, .scale = {0.05f, 0.05f, 0.05f}, .sums = sums};
     for (int i = reference->count - 1; i >= 0; i--) {
         run.reference = &reference->level[i], run.moved = &moved->level[i];

@@ -226,6 +226,11 @@ brace_status brace_restore(brace_restored **out, const brace_bracket *bracket, c
         status = raw_check_frame(bracket->frames[i], error);
     if (status)
         return status;
+    for (size_t i = 0; i < bracket->count; i++)
+        if (!(bracket->exposure[i] > 1e-5 && bracket->exposure[i] < 1e5))
+            return core_fail(error, BRACE_ERROR_MISMATCH,
+                             "%s has %g times the exposure of the reference: these frames are no bracket of one scene",
+                             bracket->frames[i]->path, bracket->exposure[i]);
 
     brace_restored *r = core_calloc(1, sizeof *r);
     if (!r)

@@ -141,8 +141,10 @@ brace_status restore_view_create(restore_view *out, const restore_picture *pictu
     /* x = signal/exposure: var(x) = (S e x + O)/e^2. */
     for (uint32_t c = 0; c < 4; c++) {
         int color = brace_cfa_color(frame->cfa, c & 1, c >> 1);
-        out->noise_s[c] = (float)(frame->noise[color][0] / exposure);
-        out->noise_o[c] = (float)(frame->noise[color][1] / (exposure * exposure));
+        /* No sensor is that noisy: a file that says so must not make infinities. */
+        double s = fmin(fmax(frame->noise[color][0], 0), 1), o = fmin(fmax(frame->noise[color][1], 0), 1);
+        out->noise_s[c] = (float)(s / exposure);
+        out->noise_o[c] = (float)(o / (exposure * exposure));
     }
     warp_job job = {out, picture, motion};
     core_parallel(pool, picture->height, 16, motion ? warp_rows : copy_rows, &job);

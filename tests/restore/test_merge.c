@@ -137,7 +137,8 @@ static void test_threads_do_not_matter(void **state) {
 
 static void test_odd_and_tiny_sizes(void **state) {
     (void)state;
-    static const uint32_t sizes[][2] = {{4, 4}, {5, 4}, {4, 7}, {9, 5}, {33, 31}, {64, 5}, {5, 64}, {131, 97}};
+    static const uint32_t sizes[][2] = {{4, 4},  {5, 4},  {4, 7},    {9, 5},    {33, 31},
+                                        {64, 5}, {5, 64}, {131, 97}, {3000, 4}, {4, 3000}};
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
         scene s = {.width = sizes[i][0],
                    .height = sizes[i][1],
@@ -171,6 +172,27 @@ static void test_extreme_frames(void **state) {
             for (size_t k = 0; k < 96 * 80; k++)
                 assert_true((float)r->frame->data[k] == r->frame->white);
         brace_restored_destroy(r);
+        brace_bracket_destroy(bracket);
+    }
+}
+
+static void test_hostile_metadata(void **state) {
+    (void)state;
+    static const double wrong[] = {1e300, -1, 0, (double)NAN, (double)INFINITY};
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        brace_bracket *bracket = scene_bracket(&(scene){.width = 70, .height = 66, .level = 0.4, .seed = 16});
+        for (size_t k = 0; k < 5; k++)
+            for (int c = 0; c < 3; c++)
+                bracket->frames[k]->noise[c][0] = bracket->frames[k]->noise[c][1] = wrong[i];
+        brace_restored *r = restore(bracket, BRACE_METHOD_MERGE, 1);
+        for (size_t k = 0; k < 70 * 66; k++)
+            assert_true(isfinite(r->mosaic[k]));
+        brace_restored_destroy(r);
+        r = NULL;
+        brace_error error;
+        bracket->exposure[0] = wrong[i];
+        assert_int_equal(brace_restore(&r, bracket, NULL, NULL, &error), BRACE_ERROR_MISMATCH);
+        assert_null(r);
         brace_bracket_destroy(bracket);
     }
 }
@@ -230,6 +252,7 @@ int main(void) {
         cmocka_unit_test(test_threads_do_not_matter),
         cmocka_unit_test(test_odd_and_tiny_sizes),
         cmocka_unit_test(test_extreme_frames),
+        cmocka_unit_test(test_hostile_metadata),
         cmocka_unit_test(test_memory_ends),
         cmocka_unit_test(test_cancel_and_arguments),
     };
