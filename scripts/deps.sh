@@ -7,7 +7,7 @@ set -euo pipefail
 packages=(
     # build
     gcc libc6-dev make meson ninja-build pkg-config
-    libstdc++-12-dev # libraw_r.pc asks for -lstdc++
+    g++ # for libstdc++, which libraw_r.pc asks for
     # libraries
     libraw-dev libtiff-dev libpng-dev libjpeg-dev libwebp-dev libjansson-dev zlib1g-dev
     # tests: cmocka, and other people's DNG readers to check ours against
