@@ -2,12 +2,13 @@
 /*
  * make_seeds.c: small sound files of every kind that the fuzz targets start from.
  *
- *   make_seeds RAW_FOLDER PICTURE_FOLDER
+ *   make_seeds RAW_FOLDER PICTURE_FOLDER SAFETENSORS_FOLDER
  */
 #include <stdio.h>
 #include <string.h>
 
 #include "brace/brace.h"
+#include "core/safetensors.h"
 
 static brace_error error;
 
@@ -97,11 +98,32 @@ static int make_pictures(const char *folder) {
     return 0;
 }
 
+static int make_tensors(const char *folder) {
+    static const uint16_t frames[2][2][3] = {{{1, 2, 3}, {4, 5, 6}}, {{7, 8, 9}, {10, 11, 12}}};
+    core_safetensors_writer *writer = NULL;
+    char path[4096];
+    snprintf(path, sizeof path, "%s/two.safetensors", folder);
+    const core_tensor a = {.name = "train/000000_web/frames", .dtype = CORE_U16, .rank = 3, .shape = {2, 2, 3}, .data = frames};
+    const core_tensor b = {.name = "weight", .dtype = CORE_F32, .rank = 1, .shape = {3}, .data = frames};
+    if (core_safetensors_create(&writer, path, 512, &error) != BRACE_OK) {
+        return fail();
+    }
+    if (core_safetensors_add(writer, &a, &error) != BRACE_OK || core_safetensors_add(writer, &b, &error) != BRACE_OK ||
+        core_safetensors_add_metadata(writer, "format", "seed", &error) != BRACE_OK) {
+        core_safetensors_abort(writer);
+        return fail();
+    }
+    return core_safetensors_commit(writer, &error) != BRACE_OK ? fail() : 0;
+}
+
 int main(int argc, char **argv) {
-    if (argc != 3) {
-        fprintf(stderr, "usage: make_seeds RAW_FOLDER PICTURE_FOLDER\n");
+    if (argc != 4) {
+        fprintf(stderr, "usage: make_seeds RAW_FOLDER PICTURE_FOLDER SAFETENSORS_FOLDER\n");
         return 2;
     }
     int code = make_raw(argv[1]);
-    return code != 0 ? code : make_pictures(argv[2]);
+    if (code == 0) {
+        code = make_pictures(argv[2]);
+    }
+    return code != 0 ? code : make_tensors(argv[3]);
 }

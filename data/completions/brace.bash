@@ -10,12 +10,30 @@ _brace()
     local raw='@(dng|DNG|3fr|3FR|arw|ARW|cr2|CR2|cr3|CR3|crw|CRW|nef|NEF|nrw|NRW|orf|ORF|pef|PEF|raf|RAF|raw|RAW|rw2|RW2|rwl|RWL|srw|SRW)'
 
     if [[ $COMP_CWORD -eq 1 ]]; then
-        mapfile -t COMPREPLY < <(compgen -W 'restore info help --help --version' -- "$cur")
+        mapfile -t COMPREPLY < <(compgen -W 'restore info dataset help --help --version' -- "$cur")
         return
     fi
     command=${COMP_WORDS[1]}
     if [[ $command == help ]]; then
-        mapfile -t COMPREPLY < <(compgen -W 'restore info' -- "$cur")
+        mapfile -t COMPREPLY < <(compgen -W 'restore info dataset' -- "$cur")
+        return
+    fi
+
+    if [[ $command == dataset ]]; then
+        if [[ $COMP_CWORD -eq 2 ]]; then
+            mapfile -t COMPREPLY < <(compgen -W 'build pack verify info import --help' -- "$cur")
+        elif [[ $cur == -* ]]; then
+            local dataset_options='--json --quiet --threads --help'
+            case ${COMP_WORDS[2]} in
+                pack) dataset_options+=' --output --shard-size' ;;
+                import) dataset_options+=' --output --reduce --tolerance' ;;
+                build) dataset_options+=' --output --screens --priors --seed --train --test --size --shard --field' ;;
+            esac
+            mapfile -t COMPREPLY < <(compgen -W "$dataset_options" -- "$cur")
+        else
+            compopt -o filenames
+            mapfile -t COMPREPLY < <(compgen -d -- "$cur")
+        fi
         return
     fi
 

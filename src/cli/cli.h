@@ -28,6 +28,7 @@ typedef struct cli_command {
 
 int cli_restore(int argc, char **argv);
 int cli_info(int argc, char **argv);
+int cli_dataset(int argc, char **argv);
 
 /* "brace: COMMAND: sentence" on stderr. */
 void cli_error(const char *command, const char *format, ...) __attribute__((format(printf, 2, 3)));

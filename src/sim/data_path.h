@@ -1,0 +1,22 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* data_path.h: where the presets lie: $BRACE_DATA, else where they were installed, else the source tree. */
+#ifndef SIM_DATA_PATH_H
+#define SIM_DATA_PATH_H
+
+#include <jansson.h>
+
+#include "core/core.h"
+
+/* The file that is meant by a preset's name ("led_wall_3840") or by a path to a
+ * file of one's own (anything with a slash or a dot), into `path` of PATH_MAX
+ * bytes. `kind` is the folder ("displays", "cameras"). An unknown name is
+ * refused with the list of what there is. */
+brace_status sim_data_path(char *path, const char *kind, const char *name_or_path, brace_error *error);
+
+/* A folder of data ("screens") itself. */
+brace_status sim_data_folder(char *path, const char *kind, brace_error *error);
+
+/* The presets' names in order, without ".json": a new array of strings, perhaps empty; NULL when memory ends. */
+json_t *sim_data_names(const char *kind);
+
+#endif

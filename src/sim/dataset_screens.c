@@ -1,0 +1,156 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * dataset_screens.c: the pictures that displays show. A screen is known by the
+ * hash of its file: copies under other names count once, so that no content can
+ * be in both splits, and the splits do not depend on names or on the order in
+ * which a folder is read.
+ */
+#include "sim/dataset_screens.h"
+
+#include <ctype.h>
+#include <dirent.h>
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "core/sha256.h"
+#include "sim/dataset.h"
+
+void dataset_screens_free(dataset_screens *s) {
+    for (size_t i = 0; i < s->count; i++) {
+        core_free(s->items[i].path);
+        core_free(s->items[i].name);
+    }
+    core_free(s->items);
+    *s = (dataset_screens){0};
+}
+
+static bool is_picture(const char *name) {
+    static const char *const ends[] = {"png", "webp", "jpg", "jpeg", "tif", "tiff"};
+    const char *dot = strrchr(name, '.');
+    for (size_t i = 0; dot != NULL && name[0] != '.' && i < sizeof ends / sizeof ends[0]; i++) {
+        if (strcasecmp(dot + 1, ends[i]) == 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* What follows the number, in letters and digits; "screen" without one. */
+static void category_of(char out[32], const char *name) {
+    size_t digits = strspn(name, "0123456789"), n = 0;
+    if (digits > 0 && name[digits] == '_') {
+        for (const char *p = name + digits + 1; isalnum((unsigned char)*p) && n < 31; p++) {
+            out[n++] = *p;
+        }
+    }
+    out[n] = '\0';
+    if (n == 0) {
+        memcpy(out, "screen", 7);
+    }
+}
+
+static int by_hash(const void *a, const void *b) {
+    const dataset_screen *x = a, *y = b;
+    int order = strcmp(x->sha256, y->sha256);
+    return order != 0 ? order : strcmp(x->name, y->name);
+}
+
+static brace_status add(dataset_screens *s, const char *folder, const char *name, brace_error *error) {
+    dataset_screen *screen = &s->items[s->count];
+    screen->path = dataset_path(folder, name);
+    screen->name = core_strdup(name);
+    s->count++;
+    if (screen->path == NULL || screen->name == NULL) {
+        return core_fail_memory(error, 256, "a name");
+    }
+    category_of(screen->category, name);
+    return core_sha256_file(screen->sha256, screen->path, NULL, error);
+}
+
+/* Copies leave; the first by name stays. */
+static void drop_copies(dataset_screens *s) {
+    size_t kept = 0;
+    for (size_t i = 0; i < s->count; i++) {
+        if (kept > 0 && strcmp(s->items[kept - 1].sha256, s->items[i].sha256) == 0) {
+            core_free(s->items[i].path);
+            core_free(s->items[i].name);
+        } else {
+            s->items[kept++] = s->items[i];
+        }
+    }
+    s->count = kept;
+}
+
+brace_status dataset_screens_read(dataset_screens *out, const char *folder, uint32_t train, uint32_t test,
+                                  const brace_job *job, brace_error *error) {
+    *out = (dataset_screens){0};
+    struct dirent **names = NULL;
+    int n = scandir(folder, &names, NULL, alphasort);
+    if (n < 0) {
+        return core_fail(error, BRACE_ERROR_IO, "%s: cannot look into this folder: %s", folder, strerror(errno));
+    }
+    brace_status status = BRACE_OK;
+    out->items = core_calloc((size_t)n + 1, sizeof *out->items);
+    if (out->items == NULL) {
+        status = core_fail_memory(error, (size_t)n * sizeof *out->items, "a list of screens");
+    }
+    for (int i = 0; i < n; i++) {
+        if (status == BRACE_OK && is_picture(names[i]->d_name) &&
+            (status = core_check_cancel(job, error)) == BRACE_OK) {
+            core_progress(job, "screens", (uint64_t)i, (uint64_t)n);
+            status = add(out, folder, names[i]->d_name, error);
+        }
+        free(names[i]);
+    }
+    free(names);
+    if (status == BRACE_OK && out->count > 1) {
+        qsort(out->items, out->count, sizeof *out->items, by_hash);
+        drop_copies(out);
+    }
+    if (status == BRACE_OK && out->count < (size_t)(train > 0) + (size_t)(test > 0)) {
+        status = core_fail(error, BRACE_ERROR_ARGUMENT,
+                           out->count == 0
+                               ? "%s: there are no pictures in this folder (.png, .webp, .jpg, .tif)"
+                               : "%s: train and test share no screen, and there is only one here",
+                           folder);
+    }
+    if (status != BRACE_OK) {
+        dataset_screens_free(out);
+        return status;
+    }
+    core_progress(job, "screens", (uint64_t)n, (uint64_t)n);
+    if (train == 0) {
+        out->test = out->count;
+    } else if (test > 0) {
+        out->test = (size_t)((double)out->count * test / ((double)train + test) + 0.5);
+        out->test = out->test < 1 ? 1 : out->test >= out->count ? out->count - 1 : out->test;
+    }
+    return BRACE_OK;
+}
+
+json_t *dataset_screens_json(const dataset_screens *s) {
+    json_t *list = json_array();
+    for (size_t i = 0; i < s->count; i++) {
+        json_t *name = json_string(s->items[i].name);
+        json_array_append_new(list, json_pack("{s:o, s:s, s:s}", "file", name != NULL ? name : json_string("?"),
+                                              "sha256", s->items[i].sha256, "split", i < s->test ? "test" : "train"));
+    }
+    return list;
+}
+
+const dataset_screen *dataset_screens_pick(const dataset_screens *s, bool test, uint64_t seed, uint32_t n,
+                                           uint32_t *scratch) {
+    uint32_t count = (uint32_t)(test ? s->test : s->count - s->test);
+    core_random r = core_random_create(seed, n / count, test, 0x5C4EE115);
+    for (uint32_t i = 0; i < count; i++) {
+        scratch[i] = i;
+    }
+    for (uint32_t i = count - 1; i > 0; i--) {
+        uint32_t j = core_random_below(&r, i + 1), t = scratch[i];
+        scratch[i] = scratch[j];
+        scratch[j] = t;
+    }
+    return &s->items[(test ? 0 : s->test) + scratch[n % count]];
+}
