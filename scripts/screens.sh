@@ -1,11 +1,11 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
-# Collects some 1,900 screens of 1920x1080 for the simulator: wallpapers, games,
+# Collects some 2,500 screens of 1920x1080 for the simulator: wallpapers, games,
 # interfaces, documents, web pages, spreadsheets, code, text, charts and test
 # patterns, from Debian packages and drawn by itself.
 #
 # Usage: scripts/screens.sh FOLDER [--work FOLDER] [--jobs N] [--limit N] [CATEGORY ...]
-#   --work   where packages and intermediate pictures are kept, 4 GB (default: FOLDER.work);
+#   --work   where packages and intermediate pictures are kept, 3 GB (default: FOLDER.work);
 #            what is there from an interrupted run is used again
 #   --limit  at most N screens of each category, to try it out
 # Categories: art chart cjk code doc doc2 game pattern sheet static text UI web web2

@@ -36,17 +36,26 @@ WORK = ''
 def make(index):
     item = ALL[index]
     try:
-        return index, item.save(WORK), ''
+        there = item.save(WORK)
+        if there:
+            fingerprint(item.path(WORK))
+        return index, there, ''
     except (OSError, ValueError, EOFError, ArithmeticError, SyntaxError) as problem:
         return index, False, '%s: %s' % (item.key, problem)
 
 
 def fingerprint(path):
-    """A coarse picture, freed of mean and contrast."""
+    """A coarse picture, freed of mean and contrast; kept beside the picture."""
+    kept = path + '.print'
+    if os.path.exists(kept):
+        return np.fromfile(kept, dtype=np.float32)
     with Image.open(path) as image:
         small = np.asarray(image.convert('RGB').resize((32, 18), Image.BOX), dtype=np.float32).ravel()
     small -= small.mean()
-    return small / max(1e-6, float(np.linalg.norm(small)))
+    small /= max(1e-6, float(np.linalg.norm(small)))
+    small.tofile(kept + '.tmp')
+    os.replace(kept + '.tmp', kept)
+    return small
 
 
 def distinct(paths):

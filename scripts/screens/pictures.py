@@ -53,8 +53,17 @@ def illustrations(root):
         except OSError:
             continue
         key = os.path.relpath(path, root)
-        if w >= 1000 and h >= 600 and '/portraits/' not in path:
+        if w >= 1000 and h >= 600 and '/portraits/' not in path and not mostly_clear(path):
             yield Item('art', key, lambda p=path: cover(opened(p)), lossy=True)
+
+
+def mostly_clear(path):
+    """A layer of labels that the game puts over another picture."""
+    with Image.open(path) as image:
+        if image.mode not in ('RGBA', 'LA', 'PA') and 'transparency' not in image.info:
+            return False
+        alpha = image.convert('RGBA').getchannel('A').resize((64, 36), Image.BOX)
+    return sum(alpha.getdata()) < 0.5 * 255 * 64 * 36
 
 
 def portraits(root):

@@ -6,6 +6,7 @@
  */
 #include "cli/cli.h"
 
+#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -50,6 +51,113 @@ static int one_folder(const char *command, const cli_list *operands) {
     return operands->count == 1 ? -1
                                 : cli_wrong_usage(command, operands->count == 0 ? "which folder?"
                                                                                 : "one folder at a time");
+}
+
+/* ---- build ---- */
+
+/* "3/8": the third of eight. */
+static bool parse_shard(const char *text, uint32_t *shard, uint32_t *shards) {
+    unsigned k, n;
+    char rest;
+    if (sscanf(text, "%u/%u%c", &k, &n, &rest) != 2 || k < 1 || k > n || n > 1000000) {
+        return false;
+    }
+    *shard = k - 1;
+    *shards = n;
+    return true;
+}
+
+/* Under mpirun every process is a shard; nothing is sent between them, so no MPI library is
+ * needed: Open MPI, MPICH and Slurm say in the environment who a process is. */
+static void shard_from_mpi(uint32_t *shard, uint32_t *shards) {
+    static const char *const names[][2] = {{"OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE"},
+                                           {"PMI_RANK", "PMI_SIZE"},
+                                           {"SLURM_PROCID", "SLURM_NTASKS"}};
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        const char *rank = getenv(names[i][0]), *size = getenv(names[i][1]);
+        double k, n;
+        if (rank != NULL && size != NULL && cli_number(rank, &k) && cli_number(size, &n) && k >= 0 && k < n &&
+            n <= 1000000) {
+            *shard = (uint32_t)k;
+            *shards = (uint32_t)n;
+            return;
+        }
+    }
+}
+
+static bool parse_seed(const char *text, uint64_t *seed) {
+    char *end = NULL;
+    errno = 0;
+    *seed = strtoull(text, &end, 10);
+    return text[0] >= '0' && text[0] <= '9' && *end == '\0' && errno == 0;
+}
+
+static int run_build(int argc, char **argv) {
+    static const char command[] = "dataset build";
+    common c = {0};
+    cli_list operands = {0};
+    dataset_build_params p = {.seed = 1};
+    int train = 1000, test = 100;
+    const char *size = NULL, *shard = NULL, *seed = NULL;
+    const cli_option options[] = {
+        {CLI_HEADING, 0, NULL, NULL, "Options", NULL, 0, 0},
+        {CLI_TEXT, 'o', "output", "FOLDER", "the set; what is there already is kept", &c.output, 0, 0},
+        {CLI_TEXT, 0, "screens", "FOLDER", "pictures for the displays to show, default: a dozen\n"
+                                           "that ship with BRACE; scripts/screens.sh collects more",
+         &p.screens, 0, 0},
+        {CLI_TEXT, 0, "priors", "FILE", "displays, cameras and exposures to draw from, JSON", &p.priors, 0, 0},
+        {CLI_TEXT, 0, "seed", "N", "default: 1", &seed, 0, 0},
+        {CLI_INT, 0, "train", "N", "samples for training, default: 1000", &train, 0, 10000000},
+        {CLI_INT, 0, "test", "N", "samples for testing, of other screens, default: 100", &test, 0, 10000000},
+        {CLI_TEXT, 0, "size", "WxH", "of the frames, default: 1024x768", &size, 0, 0},
+        {CLI_TEXT, 0, "shard", "K/N", "make the K-th of N parts only", &shard, 0, 0},
+        {CLI_FLAG, 0, "field", NULL, "capture the truth, too: 8 times the exposure at ISO/8", &p.field, 0, 0},
+        COMMON_OPTIONS(c)};
+    const cli_usage usage = {command, "-o SET [options]",
+                             "Simulates a set of brackets with their truths from a seed. The same options give\n"
+                             "the same bytes, whole, in parts or after an interruption, with any number of\n"
+                             "threads. Under mpirun each process makes its share.",
+                             options,
+                             "Example:\n  brace dataset build -o set/ --screens screens/ --train 1000 --test 100\n"};
+    int code = cli_parse(&usage, argc, argv, &operands);
+    unsigned w = 0, h = 0;
+    char rest;
+    if (code < 0 && operands.count > 0) {
+        code = cli_wrong_usage(command, "'%s': no argument is expected; the set goes to -o FOLDER", operands.items[0]);
+    } else if (code < 0 && c.output == NULL) {
+        code = cli_wrong_usage(command, "where to? -o FOLDER");
+    } else if (code < 0 && size != NULL && (sscanf(size, "%ux%u%c", &w, &h, &rest) != 2 || w == 0 || h == 0)) {
+        code = cli_wrong_usage(command, "--size takes a width and a height, such as 1024x768, not '%s'", size);
+    } else if (code < 0 && seed != NULL && !parse_seed(seed, &p.seed)) {
+        code = cli_wrong_usage(command, "--seed takes a whole number from 0 to 18446744073709551615, not '%s'", seed);
+    } else if (code < 0 && shard != NULL && !parse_shard(shard, &p.shard, &p.shards)) {
+        code = cli_wrong_usage(command, "--shard takes a part and their number, such as 1/4 to 4/4, not '%s'", shard);
+    }
+    if (code < 0) {
+        brace_job job;
+        cli_report report;
+        brace_error error = {0};
+        dataset_built done = {0};
+        p.width = w;
+        p.height = h;
+        p.train = (uint32_t)train;
+        p.test = (uint32_t)test;
+        if (shard == NULL) {
+            shard_from_mpi(&p.shard, &p.shards);
+        }
+        cli_report_begin(&report, &job, command, c.quiet, c.threads);
+        brace_status status = dataset_build(c.output, &p, &done, &job, &error);
+        code = ended(command, &report, &c, status, &error);
+        if (code == CLI_DONE && c.json) {
+            code = print_json(json_pack("{s:o, s:I, s:I}", "output", cli_json_text(c.output), "made",
+                                        (json_int_t)done.made, "there_already", (json_int_t)done.there),
+                              command);
+        } else if (!c.quiet && !c.json && code == CLI_DONE) {
+            fprintf(stderr, "%zu samples made, %zu there already, in %s\n", done.made, done.there, c.output);
+        }
+    }
+    cli_list_free(&operands);
+    return code;
 }
 
 /* ---- pack ---- */
@@ -295,6 +403,7 @@ static const struct {
     const char *name, *summary;
     int (*run)(int argc, char **argv);
 } actions[] = {
+    {"build", "a set simulated from a seed", run_build},
     {"pack", "samples into safetensors shards for training", run_pack},
     {"verify", "is everything there, unchanged and plausible?", run_verify},
     {"info", "counts by split, display, camera, exposure", run_info},

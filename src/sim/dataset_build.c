@@ -128,7 +128,7 @@ static brace_status make_sample(builder *b, const plan *s, brace_error *error) {
         return BRACE_OK;
     }
     dataset_draw draw;
-    dataset_priors_draw(&draw, b->priors, b->params->seed, s->sample & ~DATASET_TEST_SAMPLE);
+    dataset_priors_draw(&draw, b->priors, b->params->seed, s->sample);
     const dataset_task task = {.seed = b->params->seed,
                                .sample = s->sample,
                                .screen = s->screen->path,

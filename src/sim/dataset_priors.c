@@ -25,18 +25,19 @@ static const struct {
     double low, high;
 } quantities[] = {
 #define QUANTITY(name, low, high) {#name, offsetof(sim_scene, name), low, high}
-    QUANTITY(reference_time, 1e-6, 1),
-    QUANTITY(iso, 1, 1e6),
-    QUANTITY(level, 1e-3, 100),
+    QUANTITY(reference_time, 1e-6, 10),
+    QUANTITY(iso, 10, 1e6),
+    QUANTITY(level, 1e-4, 100),
     QUANTITY(tremor_position, 0, 1),
     QUANTITY(tremor_angle, 0, 1),
     QUANTITY(frame_gap, 0, 10),
-    QUANTITY(psf, 0, 20),
-    QUANTITY(glare, 0, 0.9),
+    QUANTITY(psf, 0, 10),
+    QUANTITY(glare, 0, 1),
     QUANTITY(vignetting, 0, 1),
     QUANTITY(ambient, 0, 10),
+    QUANTITY(ambient_hz, 0, 1000),
     QUANTITY(nonuniformity, 0, 0.5),
-    QUANTITY(defocus, 0, 50),
+    QUANTITY(defocus, 0, 20),
     QUANTITY(clutter, 0, 10),
 #undef QUANTITY
 };
@@ -227,7 +228,7 @@ void dataset_priors_draw(dataset_draw *out, const dataset_priors *p, uint64_t se
     /* Exactly the wanted share, evenly spread: sample n is one when n times the share passes
      * a whole number. The seed shifts where that happens. */
     core_random phase = core_random_create(seed, 0, 0, STREAM_KIND);
-    double shift = core_random_uniform(&phase), n = sample;
+    double shift = core_random_uniform(&phase), n = sample & 0x7fffffffu; /* of its split */
     out->flicker_free = floor((n + 1) * p->flicker_free + shift) > floor(n * p->flicker_free + shift);
     core_random r = core_random_create(seed, sample, 0, STREAM_DISPLAY);
     out->display = out->flicker_free ? pick(p->steady, p->steady_count, &r) : pick(p->displays, p->display_count, &r);

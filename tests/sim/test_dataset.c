@@ -19,7 +19,9 @@
 #include <unistd.h>
 
 #include "core/safetensors.h"
+#include "core/sha256.h"
 #include "sim/dataset.h"
+#include "sim/dataset_priors.h"
 
 #define assert_near(a, b, limit) assert_true(fabs((double)(a) - (double)(b)) <= (limit))
 
@@ -407,6 +409,222 @@ static void test_displacement(void **state) {
     brace_frame_destroy(a);
 }
 
+/* ---- building, with a maker that writes what it was asked for ---- */
+
+static int calls, fail_at;
+
+static brace_status make(void *user, const dataset_task *task, const char *where, json_t **meta, const brace_job *inner,
+                         brace_error *problem) {
+    (void)user;
+    assert_int_equal(inner->threads, 1);
+    if (++calls == fail_at) {
+        return core_fail(problem, BRACE_ERROR_IO, "no space left on the disk");
+    }
+    char path[300];
+    brace_frame *f = NULL;
+    assert_int_equal(brace_frame_create(&f, task->width, task->height, BRACE_CFA_RGGB, NULL), BRACE_OK);
+    core_random r = core_random_create(task->seed, task->sample, 0, 0);
+    for (size_t i = 0; i < (size_t)task->width * task->height; i++) {
+        f->data[i] = (uint16_t)core_random_below(&r, 4000);
+    }
+    sim_scene scene = {0};
+    dataset_priors_scene(&scene, task->priors, task->seed, task->sample);
+    for (int i = 1; i <= 6; i++) {
+        snprintf(path, sizeof path, i < 6 ? "%s/frame_%d.dng" : "%s/gt.dng", where, i);
+        f->exposure_time = scene.reference_time * (i < 6 ? pow(4, i - 3) : 1);
+        f->iso = 100;
+        const brace_dng_params params = {.no_preview = true};
+        assert_int_equal(brace_frame_write_dng(f, path, &params, inner, problem), BRACE_OK);
+    }
+    brace_frame_destroy(f);
+    *meta = json_pack("{s:s, s:f, s:f}", "display", task->display, "reference_time", scene.reference_time, "level",
+                      scene.level);
+    return BRACE_OK;
+}
+
+static void put_screen(const char *name, int gray) {
+    brace_image *image = NULL;
+    assert_int_equal(brace_image_create(&image, 4, 4, 3, BRACE_SAMPLE_U8, BRACE_TRANSFER_SRGB, &error), BRACE_OK);
+    memset(image->data, gray, image->stride * 4);
+    assert_int_equal(brace_image_write(image, in(name), NULL, &job, &error), BRACE_OK);
+    brace_image_destroy(image);
+}
+
+static json_t *meta_of(const char *name) {
+    json_t *meta = NULL;
+    char path[300];
+    snprintf(path, sizeof path, "%s/meta.json", name);
+    assert_int_equal(dataset_json_load(&meta, in(path), DATASET_META_LIMIT, &error), BRACE_OK);
+    assert_non_null(meta);
+    return meta;
+}
+
+/* Bytes of all files of all samples. */
+static void digest(char hex[65], const char *set) {
+    dataset_list list;
+    core_sha256 hash;
+    core_sha256_begin(&hash);
+    assert_int_equal(dataset_list_read(&list, in(set), &error), BRACE_OK);
+    static const char *const files[] = {"frame_1.dng", "frame_2.dng", "frame_3.dng", "frame_4.dng",
+                                        "frame_5.dng", "gt.dng",      "meta.json"};
+    for (size_t i = 0; i < list.count; i++) {
+        for (size_t k = 0; k < 7; k++) {
+            char *path = dataset_path(list.items[i].folder, files[k]), one[65];
+            assert_int_equal(core_sha256_file(one, path, NULL, &error), BRACE_OK);
+            core_sha256_add(&hash, one, 64);
+            core_free(path);
+        }
+    }
+    dataset_list_free(&list);
+    core_sha256_end(&hash, hex);
+}
+
+static void test_build(void **state) {
+    (void)state;
+    assert_int_equal(dataset_make_folder(in("screens"), &error), BRACE_OK);
+    for (int i = 0; i < 6; i++) {
+        char name[64];
+        snprintf(name, sizeof name, "screens/%06d_%s.png", i, i % 2 ? "web2" : "UI");
+        put_screen(name, i * 20);
+    }
+    put_screen("screens/copy.png", 20); /* of 000001 */
+    char screens[128];
+    snprintf(screens, sizeof screens, "%s/screens", folder);
+    dataset_build_params params = {.screens = screens, .seed = UINT64_MAX, .train = 14, .test = 6, .width = 64,
+                                   .height = 48, .make = make};
+    dataset_built done;
+    calls = fail_at = 0;
+    assert_int_equal(dataset_build(in("whole"), &params, &done, &job, &error), BRACE_OK);
+    assert_int_equal(done.made, 20);
+    dataset_verified v = verify("whole");
+    assert_int_equal(v.samples, 20);
+    assert_int_equal(v.bad + v.missing + v.unhashed, 0);
+
+    /* No screen is in both splits; all are used; a tenth is flicker-free; T_ref stays in its range. */
+    dataset_list list;
+    char used[2][16][65];
+    size_t n[2] = {0, 0}, steady = 0;
+    assert_int_equal(dataset_list_read(&list, in("whole"), &error), BRACE_OK);
+    for (size_t i = 0; i < list.count; i++) {
+        char name[300];
+        snprintf(name, sizeof name, "whole/%s", list.items[i].name);
+        json_t *meta = meta_of(name);
+        const char *hash = json_string_value(json_object_get(json_object_get(meta, "screen"), "sha256"));
+        int split = strncmp(list.items[i].name, "test/", 5) == 0;
+        size_t k = 0;
+        while (k < n[split] && strcmp(used[split][k], hash) != 0) {
+            k++;
+        }
+        if (k == n[split]) {
+            strcpy(used[split][n[split]++], hash);
+        }
+        steady += json_is_true(json_object_get(meta, "flicker_free"));
+        double time = json_number_value(json_object_get(meta, "reference_time"));
+        assert_true(time >= 1.0 / 4000 && time <= 1.0 / 29.9);
+        assert_non_null(strstr(list.items[i].name, strstr(name, "UI") != NULL ? "_UI" : "_web2"));
+        json_decref(meta);
+    }
+    dataset_list_free(&list);
+    assert_int_equal(n[0] + n[1], 6);
+    assert_int_equal(n[1], 2);
+    assert_in_range(steady, 1, 3);
+    for (size_t i = 0; i < n[0]; i++) {
+        for (size_t k = 0; k < n[1]; k++) {
+            assert_string_not_equal(used[0][i], used[1][k]);
+        }
+    }
+
+    /* In three shards and with two threads, into one folder: the same bytes. */
+    char whole[65], parts[65];
+    digest(whole, "whole");
+    params.shards = 3;
+    for (params.shard = 0; params.shard < 3; params.shard++) {
+        assert_int_equal(dataset_build(in("parts"), &params, &done, &job, &error), BRACE_OK);
+        assert_in_range(done.made, 6, 7);
+    }
+    digest(parts, "parts");
+    assert_string_equal(whole, parts);
+    params.shard = params.shards = 0;
+
+    /* A full disk at the fifth sample: four are there, the fifth not at all; then the rest. */
+    calls = 0;
+    fail_at = 5;
+    assert_int_equal(dataset_build(in("twice"), &params, &done, &job, &error), BRACE_ERROR_IO);
+    assert_non_null(strstr(error.message, "train/000004_"));
+    assert_int_equal(done.made, 4);
+    v = verify("twice");
+    assert_int_equal(v.samples, 4);
+    assert_int_equal(v.bad, 0);
+    assert_int_equal(v.missing, 16);
+    fail_at = 0;
+    assert_int_equal(dataset_build(in("twice"), &params, &done, &job, &error), BRACE_OK);
+    assert_int_equal(done.there, 4);
+    assert_int_equal(done.made, 16);
+    digest(parts, "twice");
+    assert_string_equal(whole, parts);
+
+    /* Another set does not go into the same folder. */
+    params.seed = 2;
+    assert_int_equal(dataset_build(in("twice"), &params, &done, &job, &error), BRACE_ERROR_MISMATCH);
+    assert_non_null(strstr(error.message, "'seed'"));
+    params.width = 63;
+    assert_int_equal(dataset_build(in("odd"), &params, &done, &job, &error), BRACE_ERROR_ARGUMENT);
+    params.width = 64;
+    params.shards = 2;
+    params.shard = 2;
+    assert_int_equal(dataset_build(in("odd"), &params, &done, &job, &error), BRACE_ERROR_ARGUMENT);
+    params.shard = params.shards = 0;
+    volatile int stop = 1;
+    const brace_job stopped = {.threads = 1, .cancel = &stop};
+    assert_int_equal(dataset_build(in("stopped"), &params, &done, &stopped, &error), BRACE_ERROR_CANCELLED);
+}
+
+static void test_priors(void **state) {
+    (void)state;
+    static const struct {
+        const char *text, *says;
+    } bad[] = {
+        {"{\"displays\": {\"no_such_panel\": 1}}", "no_such_panel"},
+        {"{\"displays\": {\"crt_60\": -1}}", "crt_60"},
+        {"{\"displays\": {\"crt_60\": 0}, \"flicker_free\": 0}", "displays"},
+        {"{\"displays\": {\"crt_60\": 1}, \"flicker_free\": 2}", "flicker_free"},
+        {"{\"displays\": {\"crt_60\": 1}}", "flicker_free_displays"},
+        {"{\"displays\": {\"crt_60\": 1}, \"flicker_free\": 0, \"scene\": {\"isoo\": 1}}", "isoo"},
+        {"{\"displays\": {\"crt_60\": 1}, \"flicker_free\": 0,\n\"scene\": {\"iso\": {\"uniform\": [5, 2]}}}", ":2"},
+        {"{\"displays\": {\"crt_60\": 1}, \"flicker_free\": 0, \"scene\": {\"iso\": {}}}", "iso"},
+        {"{\"displays\": ", "json"},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        FILE *f = fopen(in("p.json"), "w");
+        fputs(bad[i].text, f);
+        fclose(f);
+        dataset_priors *priors = NULL;
+        assert_int_not_equal(dataset_priors_load(&priors, in("p.json"), &error), BRACE_OK);
+        assert_null(priors);
+        if (strstr(error.message, bad[i].says) == NULL) {
+            fail_msg("\"%s\" does not say \"%s\"", error.message, bad[i].says);
+        }
+    }
+    dataset_priors *priors = NULL;
+    assert_int_equal(dataset_priors_load(&priors, NULL, &error), BRACE_OK);
+    int steady = 0;
+    double low = 1, high = 0;
+    for (uint32_t i = 0; i < 1000; i++) {
+        dataset_draw draw;
+        sim_scene scene = {.psf = 0.7};
+        dataset_priors_draw(&draw, priors, 5, i);
+        dataset_priors_scene(&scene, priors, 5, i);
+        steady += draw.flicker_free;
+        assert_int_equal(draw.flicker_free, strcmp(draw.display, "steady") == 0);
+        low = fmin(low, scene.reference_time);
+        high = fmax(high, scene.reference_time);
+        assert_near(scene.psf, 0.7, 0); /* not spoken of */
+    }
+    assert_int_equal(steady, 100);
+    assert_true(low >= 1.0 / 4000 && low < 1.0 / 3800 && high <= 0.0333334 && high > 1.0 / 33);
+    dataset_priors_destroy(priors);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_list, setup, teardown),
@@ -415,6 +633,8 @@ int main(void) {
         cmocka_unit_test_setup_teardown(test_verify, setup, teardown),
         cmocka_unit_test_setup_teardown(test_info, setup, teardown),
         cmocka_unit_test_setup_teardown(test_import, setup, teardown),
+        cmocka_unit_test_setup_teardown(test_build, setup, teardown),
+        cmocka_unit_test_setup_teardown(test_priors, setup, teardown),
         cmocka_unit_test(test_reduce),
         cmocka_unit_test(test_displacement),
     };

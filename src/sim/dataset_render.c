@@ -1,0 +1,83 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * dataset_render.c: one sample of a set out of the simulator: its screen on its
+ * display before its camera, the scene sampled and then bent to the priors.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "sim/data_path.h"
+#include "sim/dataset.h"
+#include "sim/dataset_priors.h"
+#include "sim/simulate.h"
+
+enum { STREAM_PRESET = 0x44530010 };
+
+/* The camera that the priors chose, or any of the presets. */
+static brace_status load_camera(sim_camera *out, const dataset_task *task, brace_error *error) {
+    if (task->camera != NULL) {
+        return sim_camera_load(out, task->camera, error);
+    }
+    json_t *names = sim_data_names("cameras");
+    size_t count = json_array_size(names);
+    core_random r = core_random_create(task->seed, task->sample, 0, STREAM_PRESET);
+    brace_status status =
+        count > 0 ? sim_camera_load(out, json_string_value(json_array_get(names, core_random_below(&r, (uint32_t)count))),
+                                    error)
+                  : core_fail(error, BRACE_ERROR_IO, "no camera presets are there; set BRACE_DATA to the data folder");
+    json_decref(names);
+    return status;
+}
+
+static brace_status write_frames(const sim_capture *capture, const char *folder, const brace_job *job,
+                                 brace_error *error) {
+    const brace_dng_params params = {.no_preview = true};
+    brace_status status = BRACE_OK;
+    for (int i = 0; i <= capture->count && status == BRACE_OK; i++) {
+        char name[32];
+        snprintf(name, sizeof name, i < capture->count ? "frame_%d.dng" : "gt.dng", i + 1);
+        char *path = dataset_path(folder, name);
+        const brace_frame *frame = i < capture->count ? capture->frame[i] : capture->truth;
+        status = path != NULL ? brace_frame_write_dng(frame, path, &params, job, error)
+                              : core_fail_memory(error, 256, "a name");
+        core_free(path);
+    }
+    return status;
+}
+
+brace_status dataset_render(void *user, const dataset_task *task, const char *folder, json_t **meta,
+                            const brace_job *job, brace_error *error) {
+    (void)user;
+    *meta = NULL;
+    brace_image *screen = NULL;
+    sim_display *display = NULL;
+    sim_camera camera;
+    sim_capture capture;
+    memset(&capture, 0, sizeof capture);
+    brace_status status = brace_image_read(&screen, task->screen, job, error);
+    if (status == BRACE_OK) {
+        status = sim_display_load(&display, task->display, error);
+    }
+    if (status == BRACE_OK) {
+        status = load_camera(&camera, task, error);
+    }
+    if (status == BRACE_OK) {
+        sim_scene scene;
+        sim_scene_sample(&scene, task->seed, task->sample, task->field);
+        scene.width = task->width;
+        scene.height = task->height;
+        dataset_priors_scene(&scene, task->priors, task->seed, task->sample);
+        status = sim_capture_create(&capture, screen, display, &camera, &scene, job, error);
+    }
+    if (status == BRACE_OK) {
+        status = write_frames(&capture, folder, job, error);
+        *meta = json_deep_copy(capture.meta);
+        if (status == BRACE_OK && *meta == NULL) {
+            status = core_fail_memory(error, 4096, "metadata");
+        }
+        sim_capture_free(&capture);
+    }
+    sim_display_destroy(display);
+    brace_image_destroy(screen);
+    return status;
+}

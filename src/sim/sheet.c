@@ -1,0 +1,94 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * sheet.c: a capture at a glance. Above: the frames, shortest first, made equally
+ * bright, and the truth last. Below: the light of a white, a grey and a dark
+ * subpixel in the middle of the screen, red, green and blue curves of one over
+ * the other, for the length of the readout.
+ */
+#include "sim/sheet.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "brace/develop.h"
+
+enum { TILE = 400, GAP = 6, STRIP = 90 };
+
+static uint8_t *pixel(brace_image *image, uint32_t x, uint32_t y) {
+    return (uint8_t *)image->data + y * image->stride + 3 * (size_t)x;
+}
+
+static void paste(brace_image *sheet, const brace_image *tile, uint32_t x, uint32_t y) {
+    for (uint32_t row = 0; row < tile->height && y + row < sheet->height; row++)
+        memcpy(pixel(sheet, x, y + row), (const char *)tile->data + row * tile->stride, 3 * (size_t)tile->width);
+}
+
+static brace_status add_frame(brace_image *sheet, const brace_frame *frame, double ev, uint32_t width, uint32_t height,
+                              uint32_t x, uint32_t y, const brace_job *job, brace_error *error) {
+    brace_image *full = NULL, *small = NULL;
+    brace_develop_params params = {.exposure = ev, .sample = BRACE_SAMPLE_U8, .as_stored = true};
+    brace_status status = brace_develop(&full, frame, &params, job, error);
+    if (status == BRACE_OK)
+        status = brace_image_resize(&small, full, width, height, error);
+    if (status == BRACE_OK)
+        paste(sheet, small, x, y);
+    brace_image_destroy(full), brace_image_destroy(small);
+    return status;
+}
+
+/* One level's waveform: columns from the lowest to the highest light within each column's time. */
+static void add_waveform(brace_image *sheet, const sim_panel *panel, uint32_t sx, uint32_t sy, double level,
+                         double length, uint32_t top) {
+    double highest = 1e-9;
+    enum { PART = 16 };
+    for (int pass = 0; pass < 2; pass++)
+        for (int c = 0; c < 3; c++)
+            for (uint32_t x = GAP; x + GAP < sheet->width; x++) {
+                double low = INFINITY, high = 0;
+                for (int p = 0; p < PART; p++) {
+                    double t = length * ((double)(x - GAP) + (p + 0.5) / PART) / (double)(sheet->width - 2 * GAP);
+                    double e = sim_panel_emission(panel, sx, sy, c, level, t);
+                    e = isfinite(e) ? e : 0;
+                    low = fmin(low, e), high = fmax(high, e);
+                }
+                highest = fmax(highest, high);
+                if (pass == 0)
+                    continue;
+                uint32_t from = top + STRIP - 8 - (uint32_t)((STRIP - 16) * high / highest);
+                uint32_t to = top + STRIP - 8 - (uint32_t)((STRIP - 16) * low / highest);
+                for (uint32_t y = from; y <= to; y++) {
+                    uint8_t *p = pixel(sheet, x, y);
+                    p[c] = 255;
+                    p[(c + 1) % 3] = p[(c + 1) % 3] > 60 ? p[(c + 1) % 3] : 60;
+                }
+            }
+}
+
+brace_status sim_sheet(brace_image **out, const sim_capture *capture, const sim_panel *panel, const sim_scene *scene,
+                       const sim_camera *camera, uint32_t screen_width, uint32_t screen_height, const brace_job *job,
+                       brace_error *error) {
+    const uint32_t count = (uint32_t)capture->count + 1, columns = (count + 1) / 2;
+    const uint32_t high = (uint32_t)fmax(1, (double)TILE * scene->height / scene->width);
+    brace_image *sheet = NULL;
+    brace_status status = brace_image_create(&sheet, columns * (TILE + GAP) + GAP, 2 * (high + GAP) + GAP + 3 * STRIP,
+                                             3, BRACE_SAMPLE_U8, BRACE_TRANSFER_SRGB, error);
+    if (status != BRACE_OK)
+        return status;
+    for (uint32_t y = 0; y < sheet->height; y++)
+        memset(pixel(sheet, 0, y), 24, 3 * (size_t)sheet->width);
+    for (uint32_t i = 0; i < count && status == BRACE_OK; i++) {
+        bool truth = i + 1 == count;
+        double ev = truth ? 0 : -2.0 * ((double)i - capture->count / 2);
+        status = add_frame(sheet, truth ? capture->truth : capture->frame[i], ev, TILE, high,
+                           GAP + i % columns * (TILE + GAP), GAP + i / columns * (high + GAP), job, error);
+    }
+    static const double levels[3] = {1, 0.2, 0.02};
+    for (uint32_t i = 0; i < 3 && status == BRACE_OK; i++)
+        add_waveform(sheet, panel, screen_width / 2, screen_height / 2, levels[i], camera->readout,
+                     2 * (high + GAP) + GAP + i * STRIP);
+    if (status == BRACE_OK)
+        *out = sheet;
+    else
+        brace_image_destroy(sheet);
+    return status;
+}

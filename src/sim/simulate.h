@@ -1,0 +1,63 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* simulate.h: one capture, from a picture on a display to RAW frames. */
+#ifndef SIM_SIMULATE_H
+#define SIM_SIMULATE_H
+
+#include "brace/frame.h"
+#include "sim/sim.h"
+
+/* Linear-light screen content with its mip pyramid: level 0 has the picture's size, each next half of it. */
+typedef struct sim_texture {
+    uint32_t width, height;
+    int levels;
+    struct {
+        uint32_t width, height;
+        float *rgb;
+    } level[16];
+} sim_texture;
+
+/* From any picture of 1x1 up to BRACE_MAX_PIXELS. */
+brace_status sim_texture_create(sim_texture *out, const brace_image *image, brace_error *error);
+void sim_texture_free(sim_texture *texture);
+
+/* Light of the camera's three colours for every pixel of a frame, white at the reference exposure is `level`. */
+typedef struct sim_light {
+    uint32_t width, height;
+    float *plane[3];
+} sim_light;
+brace_status sim_light_create(sim_light *out, uint32_t width, uint32_t height, brace_error *error);
+void sim_light_free(sim_light *light);
+
+/* scene.c */
+void sim_scene_default(sim_scene *scene);                                            /* steady hand, no effects */
+void sim_scene_sample(sim_scene *scene, uint64_t seed, uint32_t sample, bool field); /* a plausible capture */
+brace_status sim_scene_check(const sim_scene *scene, brace_error *error);            /* names the value out of range */
+json_t *sim_scene_json(const sim_scene *scene);                                      /* new reference */
+double sim_frame_start(const sim_scene *scene, double readout, int frame);           /* seconds */
+/* The map from pixels to the screen at time t (row-major 3x3, screen in units of its width, origin in its centre). */
+void sim_scene_map(double map[9], const sim_scene *scene, double t, double reference_time);
+
+/* render.c: frame number `frame` (0 the shortest); -1: the truth, mean light at the reference pose. */
+brace_status sim_render(sim_light *out, const sim_scene *scene, const sim_camera *camera, const sim_texture *texture,
+                        const sim_panel *panel, int frame, const double to_camera[9], core_pool *pool,
+                        brace_error *error);
+
+/* degrade.c: lens and glare, in place. */
+brace_status sim_degrade(sim_light *light, const sim_scene *scene, core_pool *pool, brace_error *error);
+
+/* sensor.c: light to raw numbers. `frame` keys the noise; < 0: none. Noise is that of frame->noise. */
+void sim_expose(brace_frame *out, const sim_light *light, const sim_scene *scene, int frame, core_pool *pool);
+
+/* simulate.c */
+typedef struct sim_capture {
+    int count;
+    brace_frame *frame[9];
+    brace_frame *truth;
+    json_t *meta; /* everything that was set or sampled */
+} sim_capture;
+brace_status sim_capture_create(sim_capture *out, const brace_image *screen, const sim_display *display,
+                                const sim_camera *camera, const sim_scene *scene, const brace_job *job,
+                                brace_error *error);
+void sim_capture_free(sim_capture *capture);
+
+#endif

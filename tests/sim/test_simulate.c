@@ -1,0 +1,206 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* test_simulate.c: captures against what physics says of them. */
+// clang-format off
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+// clang-format on
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "brace/restore.h"
+#include "sim/simulate.h"
+
+static brace_image *screen(uint32_t width, uint32_t height, uint8_t grey) {
+    brace_image *image;
+    brace_error error;
+    assert_int_equal(brace_image_create(&image, width, height, 3, BRACE_SAMPLE_U8, BRACE_TRANSFER_SRGB, &error),
+                     BRACE_OK);
+    for (uint32_t y = 0; y < height; y++)
+        memset((char *)image->data + y * image->stride, grey, 3 * (size_t)width);
+    return image;
+}
+
+/* Close enough for the screen to fill the frame. */
+static sim_scene plain_scene(void) {
+    sim_scene s;
+    sim_scene_default(&s);
+    s.width = 192, s.height = 128, s.pose.translation[2] = 0.5, s.reference_time = 1.0 / 640, s.level = 0.5, s.seed = 3;
+    return s;
+}
+
+static sim_capture capture(const brace_image *image, const char *display_json, const sim_scene *scene, int threads) {
+    sim_display *display;
+    sim_camera camera;
+    sim_capture out;
+    brace_error error = {BRACE_OK, ""};
+    brace_job job = {.threads = threads};
+    if (sim_display_parse(&display, display_json, "test", &error) || sim_camera_load(&camera, "phone_median", &error) ||
+        sim_capture_create(&out, image, display, &camera, scene, &job, &error))
+        fail_msg("%s", error.message);
+    sim_display_destroy(display);
+    return out;
+}
+
+static double signal(const brace_frame *f, uint32_t x, uint32_t y) {
+    double black = (double)f->black[(y & 1) * 2 + (x & 1)];
+    return (f->data[(size_t)y * f->width + x] - black) / ((double)f->white - black);
+}
+
+static const char steady[] = "{\"driver\": \"dc\"}";
+
+static void test_steady_light_is_exact(void **state) {
+    (void)state;
+    brace_image *image = screen(64, 48, 188); /* linear 0.503 */
+    sim_scene s = plain_scene();
+    s.noise = false;
+    sim_capture c = capture(image, steady, &s, 0);
+    double level = pow((188 / 255.0 + 0.055) / 1.055, 2.4);
+    for (int i = 0; i <= 5; i++) {
+        const brace_frame *f = i < 5 ? c.frame[i] : c.truth;
+        double want = s.level * level * (i < 5 ? pow(4, i - 2) : 1);
+        for (uint32_t y = 40; y < 80; y++)
+            for (uint32_t x = 60; x < 120; x++) {
+                double w =
+                    want * f->as_shot_neutral[brace_cfa_color(f->cfa, x, y)]; /* grey through the camera's eyes */
+                double v = signal(f, x, y);
+                assert_true(fabs(v - fmin(w, 1)) < 0.6 / 3839 + 2e-3 * w);
+            }
+    }
+    sim_capture_free(&c);
+    brace_image_destroy(image);
+}
+
+static void test_stripe_frequency(void **state) {
+    (void)state;
+    /* 1 kHz at a readout of 14.5 ms: 14.5 periods from the first row to the last, of 128 in all. */
+    brace_image *image = screen(64, 48, 255);
+    sim_scene s = plain_scene();
+    s.noise = false;
+    sim_capture c = capture(image, "{\"driver\": \"lcd_pwm\", \"frequency\": 1000, \"duty\": 0.5}", &s, 0);
+    double best = 0, found = 0;
+    for (double periods = 5; periods < 40; periods += 0.05) {
+        double re = 0, im = 0, mean = 0;
+        for (uint32_t y = 0; y < s.height; y++)
+            mean += signal(c.frame[0], 96, y & ~1u) / s.height;
+        for (uint32_t y = 0; y < s.height; y++) {
+            double v = signal(c.frame[0], 96 + (y & 1), y) - mean, a = 6.283185307 * periods * y / s.height;
+            double hann = 0.5 - 0.5 * cos(6.283185307 * (y + 0.5) / s.height);
+            re += hann * v * cos(a), im += hann * v * sin(a);
+        }
+        if (hypot(re, im) > best)
+            best = hypot(re, im), found = periods;
+    }
+    assert_true(fabs(found - 14.5) < 0.15);
+    sim_capture_free(&c);
+    brace_image_destroy(image);
+}
+
+static void test_noise_fits_the_profile(void **state) {
+    (void)state;
+    brace_image *image = screen(64, 48, 255);
+    sim_scene s = plain_scene();
+    s.width = 1024, s.height = 512, s.iso = 1600, s.pose.translation[2] = 0.3;
+    double x[3] = {0}, v[3] = {0};
+    for (int i = 0; i < 3; i++) {
+        sim_capture c = capture(image, steady, &s, 0);
+        double sum = 0, square = 0, n = 0;
+        for (uint32_t y = 0; y < s.height; y++)
+            for (uint32_t k = 0; k < s.width; k++)
+                if (brace_cfa_color(c.frame[i]->cfa, k, y) == 1) {
+                    double a = signal(c.frame[i], k, y);
+                    sum += a, square += a * a, n++;
+                }
+        x[i] = sum / n, v[i] = (square - sum * sum / n) / (n - 1);
+        double step = 1.0 / 3839, want = c.frame[i]->noise[1][0] * x[i] + c.frame[i]->noise[1][1] + step * step / 12;
+        if (fabs(v[i] / want - 1) > 0.01)
+            fail_msg("at %.4f: variance %g, the profile says %g", x[i], v[i], want);
+        sim_capture_free(&c);
+    }
+    brace_image_destroy(image);
+}
+
+static void test_threads_do_not_matter(void **state) {
+    (void)state;
+    brace_image *image = screen(40, 30, 200);
+    sim_scene s;
+    sim_scene_sample(&s, 99, 4, true);
+    s.width = 150, s.height = 100;
+    const char wall[] = "{\"driver\": \"led_spwm\", \"refresh\": 60, \"subperiods\": 32, \"bits\": 14, \"scan\": 8}";
+    sim_capture one = capture(image, wall, &s, 1), two = capture(image, wall, &s, 2);
+    for (int i = 0; i < 5; i++)
+        assert_memory_equal(one.frame[i]->data, two.frame[i]->data, 150 * 100 * sizeof(uint16_t));
+    assert_memory_equal(one.truth->data, two.truth->data, 150 * 100 * sizeof(uint16_t));
+    /* Another sample of the same seed is another capture. */
+    s.sample = 5;
+    sim_capture other = capture(image, wall, &s, 1);
+    assert_true(memcmp(one.frame[2]->data, other.frame[2]->data, 150 * 100 * sizeof(uint16_t)) != 0);
+    sim_capture_free(&one), sim_capture_free(&two), sim_capture_free(&other);
+    brace_image_destroy(image);
+}
+
+static void test_merge_restores_a_capture(void **state) {
+    (void)state;
+    brace_image *image = screen(160, 120, 60);
+    for (uint32_t y = 0; y < 120; y++)
+        for (uint32_t x = 0; x < 160; x++)
+            if ((x / 20 + y / 15) % 2)
+                memset((char *)image->data + y * image->stride + 3 * x, 150, 3);
+    sim_scene s = plain_scene();
+    s.level = 0.3;
+    sim_capture c = capture(image, "{\"driver\": \"lcd_pwm\", \"frequency\": 400, \"duty\": 0.45}", &s, 0);
+    brace_bracket *bracket;
+    brace_restored *merged;
+    brace_error error = {BRACE_OK, ""};
+    const brace_frame *truth = c.truth;
+    brace_frame *frames[5];
+    memcpy(frames, c.frame, sizeof frames);
+    assert_int_equal(brace_bracket_create(&bracket, frames, 5, NULL, NULL, &error), BRACE_OK);
+    c.count = 0; /* the bracket's now */
+    assert_int_equal(brace_restore(&merged, bracket, NULL, NULL, &error), BRACE_OK);
+    double before = 0, after = 0;
+    for (uint32_t y = 8; y < s.height - 8; y++)
+        for (uint32_t x = 8; x < s.width - 8; x++) {
+            before += pow(signal(bracket->frames[2], x, y) - signal(truth, x, y), 2);
+            after += pow(signal(merged->frame, x, y) - signal(truth, x, y), 2);
+        }
+    assert_true(after < before / 20);
+    brace_restored_destroy(merged);
+    brace_bracket_destroy(bracket);
+    sim_capture_free(&c);
+    brace_image_destroy(image);
+}
+
+static void test_impossible_values(void **state) {
+    (void)state;
+    brace_error error = {BRACE_OK, ""};
+    sim_scene s = plain_scene();
+    assert_int_equal(sim_scene_check(&s, &error), BRACE_OK);
+    s.reference_time = NAN;
+    assert_int_equal(sim_scene_check(&s, &error), BRACE_ERROR_ARGUMENT);
+    assert_non_null(strstr(error.message, "reference_time"));
+    s = plain_scene(), s.frames = 4;
+    assert_int_equal(sim_scene_check(&s, &error), BRACE_ERROR_ARGUMENT);
+    s = plain_scene(), s.pose.translation[2] = -1;
+    assert_int_equal(sim_scene_check(&s, &error), BRACE_ERROR_ARGUMENT);
+    sim_camera camera;
+    assert_true(sim_camera_load(&camera, "no_such_camera", &error) != BRACE_OK);
+    /* A screen of one pixel is a lamp. */
+    brace_image *one = screen(1, 1, 255);
+    s = plain_scene(), s.pose.rotation[0] = 1.2;
+    sim_capture c = capture(one, steady, &s, 1);
+    assert_int_equal(c.count, 5);
+    sim_capture_free(&c);
+    brace_image_destroy(one);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_steady_light_is_exact),    cmocka_unit_test(test_stripe_frequency),
+        cmocka_unit_test(test_noise_fits_the_profile),   cmocka_unit_test(test_threads_do_not_matter),
+        cmocka_unit_test(test_merge_restores_a_capture), cmocka_unit_test(test_impossible_values),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
