@@ -107,6 +107,25 @@ static double spread(double squares, double weights, double errors) {
     return v < 1e-8 ? 1e-8 : v > 1 ? 1 : v; /* light pulses, but its mean is 1 */
 }
 
+/* Light has a mean of 1. Gains that don't were measured against a frame that
+ * is not aligned or shows something else: then nothing was measured. */
+static void drop_nonsense(light_job *job) {
+    const size_t zones = (size_t)job->view->zones, height = job->view->light.height;
+    double sum = 0, weight = 0;
+    for (size_t y = 0; y < height; y++) {
+        double a = 0, b = 0;
+        for (size_t z = 0; z < zones; z++)
+            a += v4_sum(job->above[y * zones + z]), b += v4_sum(job->below[y * zones + z]);
+        double sure = b / (b + 100); /* every row that tells counts about the same */
+        sum += b > 0 ? sure * fmin(a / b, 8) : 0, weight += b > 0 ? sure : 0;
+    }
+    double mean = weight > 0 ? sum / weight : 1;
+    if (mean > 0.6 && mean < 1.6)
+        return;
+    memset(job->above, 0, height * zones * sizeof(v4));
+    memset(job->below, 0, height * zones * sizeof(v4));
+}
+
 /* Turns the sums into gains, coarse level first. `prior` (a row and zone) is
  * what to assume where nothing was measured; with belief > 0 it is an estimate
  * itself, of that reliability. Returns the share of rows in
@@ -185,7 +204,7 @@ static double light_gains(light_job *job, const float *prior, double belief) {
             for (int c = 0; c < 4; c++) {
                 double ac = independent * job->above[i][c], bc = independent * job->below[i][c];
                 double gain = (ac + k_color * (zone + (c < 2 ? -slope : slope))) / (bc + k_color);
-                view->gain[i][c] = (float)(gain < 1e-3 ? 1e-3 : gain > 64 ? 64 : gain);
+                view->gain[i][c] = (float)(gain < 1e-3 ? 1e-3 : gain > 20 ? 20 : gain);
                 deviation += (gain - 1) * (gain - 1);
             }
         }
@@ -330,6 +349,7 @@ brace_status restore_light(restore_view *views, size_t count, restore_picture *s
         }
         row_brightness(view, bright, bright + height);
         core_parallel(pool, height, 8, measure_rows, &job);
+        drop_nonsense(&job);
         for (size_t k = 0; k < height * zones; k++)
             prior[k] = 1;
         double covered = light_gains(&job, prior, 0), periodic = 0;

@@ -85,6 +85,13 @@ static brace_status merge_align(merge_state *s, const brace_bracket *bracket, co
             restore_pyramid_destroy(s->moved);
             s->moved = NULL;
         }
+        /* A longer frame that clips nearly everywhere may not be found; it would mislead all shorter ones.
+         * A shorter one that is too dark to be found is taken where it was shot, for its highlights. */
+        bool lost_frame = motion.confidence < 0.3, unused = lost_frame && bracket->exposure[i] > 1;
+        if (lost_frame && bracket->exposure[i] < 1 && motion.confidence < 0.1)
+            motion = (restore_motion){.confidence = motion.confidence};
+        if (unused)
+            motion = (restore_motion){.confidence = 0};
         report->motion[i] = motion_report(&motion);
         motion_shape(&report->motion[i], &motion, s->packed.width);
         status = restore_view_create(&s->view[i], &s->packed, frame, bracket->exposure[i],
@@ -92,6 +99,8 @@ static brace_status merge_align(merge_state *s, const brace_bracket *bracket, co
         if (status)
             return status;
         s->made = i + 1;
+        if (unused)
+            memset(s->view[i].trust, 0, 4 * s->packed.width * s->packed.height);
         /* Longer frames blur more under a hand's tremor; a frame that hardly
          * correlates may lie a pixel off. */
         double lost = 1 - motion.confidence;
