@@ -10,12 +10,23 @@ _brace()
     local raw='@(dng|DNG|3fr|3FR|arw|ARW|cr2|CR2|cr3|CR3|crw|CRW|nef|NEF|nrw|NRW|orf|ORF|pef|PEF|raf|RAF|raw|RAW|rw2|RW2|rwl|RWL|srw|SRW)'
 
     if [[ $COMP_CWORD -eq 1 ]]; then
-        mapfile -t COMPREPLY < <(compgen -W 'restore info dataset help --help --version' -- "$cur")
+        mapfile -t COMPREPLY < <(compgen -W 'restore info simulate dataset help --help --version' -- "$cur")
         return
     fi
     command=${COMP_WORDS[1]}
     if [[ $command == help ]]; then
-        mapfile -t COMPREPLY < <(compgen -W 'restore info dataset' -- "$cur")
+        mapfile -t COMPREPLY < <(compgen -W 'restore info simulate dataset' -- "$cur")
+        return
+    fi
+
+    if [[ $command == simulate ]]; then
+        if [[ $cur == -* ]]; then
+            mapfile -t COMPREPLY < <(compgen -W '--output --sheet --explain --display --camera --size --count --seed --time
+                --iso --level --distance --field --no-noise --no-tremor --no-lens --threads --quiet --help' -- "$cur")
+        else
+            compopt -o filenames
+            mapfile -t COMPREPLY < <(compgen -f -- "$cur")
+        fi
         return
     fi
 
