@@ -6,13 +6,17 @@
 #include <limits.h>
 #include <math.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
+#include "image/image.h"
 #include "sim/dataset.h"
 #include "sim/sheet.h"
 #include "sim/simulate.h"
 
 static const char command[] = "simulate";
+static const size_t screen_bytes = (size_t)1 << 30;
 
 typedef struct arguments {
     const char *output, *display, *camera, *size, *sheet, *time;
@@ -24,6 +28,15 @@ typedef struct arguments {
 static bool parse_size(const char *text, uint32_t *width, uint32_t *height) {
     int end = 0;
     return sscanf(text, "%5ux%5u%n", width, height, &end) == 2 && text[end] == '\0';
+}
+
+static bool is_picture(const char *name) {
+    static const char *const known[] = {"png", "jpg", "jpeg", "tif", "tiff", "webp"};
+    const char *dot = strrchr(cli_basename(name), '.');
+    for (size_t i = 0; dot != NULL && i < sizeof known / sizeof *known; i++)
+        if (strcasecmp(dot + 1, known[i]) == 0)
+            return true;
+    return false;
 }
 
 /* frame_1.dng ..., gt.dng and meta.json, all or nothing. */
@@ -50,6 +63,19 @@ static brace_status write_sample(const char *folder, const sim_capture *capture,
     else
         dataset_discard(temporary);
     core_free(temporary);
+    return status;
+}
+
+/* The picture of a screen, refused before it is decoded if it is larger than any display. */
+static brace_status read_screen(brace_image **out, const char *path, const brace_job *job, brace_error *error) {
+    void *data;
+    size_t size;
+    brace_status status = core_file_load(&data, &size, path, screen_bytes, error);
+    if (status != BRACE_OK)
+        return status;
+    image_source source = {data, size, path, SIM_SCREEN_PIXELS, job};
+    status = image_read_memory(out, &source, error);
+    core_free(data);
     return status;
 }
 
@@ -87,6 +113,15 @@ static brace_status simulate(const arguments *a, const cli_list *screens, uint32
         brace_image *screen = NULL;
         sim_capture capture = {0};
         sim_scene scene;
+        const char *file = screens->items[i / (size_t)a->count];
+        char folder[PATH_MAX];
+        if (snprintf(folder, sizeof folder, "%s/%06zu", a->output, i) >= (int)sizeof folder)
+            status = core_fail(error, BRACE_ERROR_ARGUMENT, "%s: the name is too long", a->output);
+        else if (access(folder, F_OK) == 0)
+            status = core_fail(error, BRACE_ERROR_IO, "%s is there already; choose another folder for the samples",
+                               folder);
+        if (status != BRACE_OK)
+            break;
         sim_scene_sample(&scene, (uint64_t)a->seed, (uint32_t)i, a->field);
         scene.width = width, scene.height = height;
         if (reference_time > 0)
@@ -103,19 +138,15 @@ static brace_status simulate(const arguments *a, const cli_list *screens, uint32
             scene.tremor_angle = scene.tremor_position = 0;
         if (a->no_lens)
             scene.psf = scene.glare = scene.vignetting = scene.defocus = scene.distortion[0] = scene.distortion[1] = 0;
-        status = brace_image_read(&screen, screens->items[i / (size_t)a->count], job, error);
+        status = read_screen(&screen, file, job, error);
         if (status == BRACE_OK)
             status = sim_capture_create(&capture, screen, display, &camera, &scene, job, error);
         if (status == BRACE_OK) {
-            char folder[PATH_MAX];
             json_object_set_new(capture.meta, "screen",
-                                json_string(cli_basename(screens->items[i / (size_t)a->count])));
+                                cli_json_text(cli_basename(file)));
             if (a->explain)
                 json_dumpf(capture.meta, stdout, JSON_INDENT(1)), putchar('\n');
-            if (snprintf(folder, sizeof folder, "%s/%06zu", a->output, i) >= (int)sizeof folder)
-                status = core_fail(error, BRACE_ERROR_ARGUMENT, "%s: the name is too long", a->output);
-            else
-                status = write_sample(folder, &capture, job, error);
+            status = write_sample(folder, &capture, job, error);
         }
         if (status == BRACE_OK && a->sheet && i == 0)
             status = write_sheet(a->sheet, &capture, screen, display, &camera, &scene, job, error);
@@ -183,6 +214,8 @@ int cli_simulate(int argc, char **argv) {
         code = cli_wrong_usage(command, "say where to put the samples: -o DIR");
     if (code < 0 && a.size != NULL && !parse_size(a.size, &width, &height))
         code = cli_wrong_usage(command, "--size %s is no size such as 1024x768", a.size);
+    if (code < 0 && a.sheet != NULL && !is_picture(a.sheet))
+        code = cli_wrong_usage(command, "--sheet %s: the name should end in .png, .jpg, .tif or .webp", a.sheet);
     if (code < 0 && a.time != NULL && !cli_exposure_parse(a.time, &reference_time))
         code = cli_wrong_usage(command, "--time %s is no exposure time such as 1/320", a.time);
     if (code < 0) {
@@ -193,9 +226,13 @@ int cli_simulate(int argc, char **argv) {
         brace_status status = simulate(&a, &screens, width, height, reference_time, &job, &error);
         cli_report_flush(&report);
         cli_report_end(&report);
-        if (status != BRACE_OK)
+        if (status == BRACE_ERROR_CANCELLED)
+            cli_error(command, "stopped; the samples that are there are complete");
+        else if (status != BRACE_OK)
             cli_error(command, "%s", error.message);
-        code = status == BRACE_OK && cli_flush(command) ? CLI_DONE : CLI_FAILED;
+        code = status == BRACE_ERROR_CANCELLED              ? cli_signals_exit()
+               : status == BRACE_OK && cli_flush(command) ? CLI_DONE
+                                                          : CLI_FAILED;
     }
     cli_list_free(&screens);
     return code;

@@ -8,6 +8,7 @@
  * tags that came with it, but a tag that says the same in other words (10/16000
  * for 1/1600) is left as it was.
  */
+#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -218,8 +219,11 @@ brace_status brace_frame_write_dng(const brace_frame *frame, const char *path, c
     size_t size = 0;
     status = raw_dng_encode(&data, &size, frame, params, job, path, error);
     if (status == BRACE_OK) {
-        fwrite(data, 1, size, core_file_stream(file)); /* core_file_commit finds what went wrong */
-        status = core_check_cancel(job, error);
+        if (fwrite(data, 1, size, core_file_stream(file)) != size) {
+            status = core_fail(error, BRACE_ERROR_IO, "%s: %s", path, strerror(errno));
+        } else {
+            status = core_check_cancel(job, error);
+        }
     }
     core_free(data);
     if (status != BRACE_OK) {

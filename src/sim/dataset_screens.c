@@ -10,6 +10,7 @@
 #include <ctype.h>
 #include <dirent.h>
 #include <errno.h>
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -66,7 +67,58 @@ static brace_status add(dataset_screens *s, const char *folder, const char *name
         return core_fail_memory(error, 256, "a name");
     }
     category_of(screen->category, name);
-    return core_sha256_file(screen->sha256, screen->path, NULL, error);
+    return BRACE_OK;
+}
+
+typedef struct hasher {
+    dataset_screens *screens;
+    const brace_job *job;
+    pthread_mutex_t lock;
+    brace_status status; /* the first failure; under the lock */
+    brace_error error;
+} hasher;
+
+static void hash_some(void *user, size_t begin, size_t end, int worker) {
+    hasher *h = user;
+    for (size_t i = begin; i < end; i++) {
+        dataset_screen *screen = &h->screens->items[i];
+        brace_error error = {0};
+        brace_status status = core_check_cancel(h->job, &error);
+        if (status == BRACE_OK) {
+            status = core_sha256_file(screen->sha256, screen->path, NULL, &error);
+        }
+        if (status != BRACE_OK) {
+            pthread_mutex_lock(&h->lock);
+            if (h->status == BRACE_OK) {
+                h->status = status;
+                h->error = error;
+            }
+            pthread_mutex_unlock(&h->lock);
+        }
+    }
+    if (worker == 0 && end < h->screens->count) {
+        core_progress(h->job, "screens", end, h->screens->count);
+    }
+}
+
+static brace_status hash_all(dataset_screens *s, const brace_job *job, brace_error *error) {
+    hasher h = {.screens = s, .job = job};
+    core_pool *pool = NULL;
+    brace_status status = core_pool_create(&pool, job, error);
+    if (status != BRACE_OK) {
+        return status;
+    }
+    pthread_mutex_init(&h.lock, NULL);
+    core_parallel(pool, s->count, 4, hash_some, &h);
+    pthread_mutex_destroy(&h.lock);
+    core_pool_destroy(pool);
+    if (h.status != BRACE_OK && error != NULL) {
+        *error = h.error;
+    }
+    if (h.status == BRACE_OK && s->count > 0) {
+        core_progress(job, "screens", s->count, s->count);
+    }
+    return h.status;
 }
 
 /* Copies leave; the first by name stays. */
@@ -97,14 +149,15 @@ brace_status dataset_screens_read(dataset_screens *out, const char *folder, uint
         status = core_fail_memory(error, (size_t)n * sizeof *out->items, "a list of screens");
     }
     for (int i = 0; i < n; i++) {
-        if (status == BRACE_OK && is_picture(names[i]->d_name) &&
-            (status = core_check_cancel(job, error)) == BRACE_OK) {
-            core_progress(job, "screens", (uint64_t)i, (uint64_t)n);
+        if (status == BRACE_OK && is_picture(names[i]->d_name)) {
             status = add(out, folder, names[i]->d_name, error);
         }
         free(names[i]);
     }
     free(names);
+    if (status == BRACE_OK) {
+        status = hash_all(out, job, error);
+    }
     if (status == BRACE_OK && out->count > 1) {
         qsort(out->items, out->count, sizeof *out->items, by_hash);
         drop_copies(out);
@@ -120,7 +173,6 @@ brace_status dataset_screens_read(dataset_screens *out, const char *folder, uint
         dataset_screens_free(out);
         return status;
     }
-    core_progress(job, "screens", (uint64_t)n, (uint64_t)n);
     if (train == 0) {
         out->test = out->count;
     } else if (test > 0) {

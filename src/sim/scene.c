@@ -106,7 +106,9 @@ brace_status sim_scene_check(const sim_scene *s, brace_error *error) {
 
 json_t *sim_scene_json(const sim_scene *s) {
     json_t *out = json_object();
-    json_object_set_new(out, "seed", json_integer((json_int_t)s->seed));
+    char seed[24]; /* JSON's integers end at 2^63 */
+    snprintf(seed, sizeof seed, "%llu", (unsigned long long)s->seed);
+    json_object_set_new(out, "seed", s->seed <= INT64_MAX ? json_integer((json_int_t)s->seed) : json_string(seed));
     json_object_set_new(out, "sample", json_integer(s->sample));
     json_object_set_new(out, "size", json_pack("[i,i]", (int)s->width, (int)s->height));
     json_object_set_new(out, "frames", json_integer(s->frames));

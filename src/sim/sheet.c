@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * sheet.c: a capture at a glance. Above: the frames, shortest first, made equally
- * bright, and the truth last. Below: the light of a white, a grey and a dark
+ * bright and with their exposure times, and the truth last. Below: the light of a white, a grey and a dark
  * subpixel in the middle of the screen, red, green and blue curves of one over
  * the other, for the length of the readout.
  */
@@ -16,6 +16,52 @@ enum { TILE = 400, GAP = 6, STRIP = 90 };
 
 static uint8_t *pixel(brace_image *image, uint32_t x, uint32_t y) {
     return (uint8_t *)image->data + y * image->stride + 3 * (size_t)x;
+}
+
+/* The few letters that a sheet needs, 5 pixels wide and 7 high, a row in the lowest five bits. */
+static const struct {
+    char letter;
+    uint8_t row[7];
+} font[] = {
+    {'0', {0x0e, 0x11, 0x13, 0x15, 0x19, 0x11, 0x0e}},
+    {'1', {0x04, 0x0c, 0x04, 0x04, 0x04, 0x04, 0x0e}},
+    {'2', {0x0e, 0x11, 0x01, 0x06, 0x08, 0x10, 0x1f}},
+    {'3', {0x0e, 0x11, 0x01, 0x06, 0x01, 0x11, 0x0e}},
+    {'4', {0x02, 0x06, 0x0a, 0x12, 0x1f, 0x02, 0x02}},
+    {'5', {0x1f, 0x10, 0x1e, 0x01, 0x01, 0x11, 0x0e}},
+    {'6', {0x06, 0x08, 0x10, 0x1e, 0x11, 0x11, 0x0e}},
+    {'7', {0x1f, 0x01, 0x02, 0x04, 0x08, 0x08, 0x08}},
+    {'8', {0x0e, 0x11, 0x11, 0x0e, 0x11, 0x11, 0x0e}},
+    {'9', {0x0e, 0x11, 0x11, 0x0f, 0x01, 0x02, 0x0c}},
+    {'/', {0x01, 0x02, 0x02, 0x04, 0x08, 0x08, 0x10}},
+    {'.', {0x00, 0x00, 0x00, 0x00, 0x00, 0x0c, 0x0c}},
+    {'%', {0x18, 0x19, 0x02, 0x04, 0x08, 0x13, 0x03}},
+    {'e', {0x00, 0x00, 0x0e, 0x11, 0x1f, 0x10, 0x0e}},
+    {'g', {0x00, 0x0f, 0x11, 0x11, 0x0f, 0x01, 0x0e}},
+    {'h', {0x10, 0x10, 0x16, 0x19, 0x11, 0x11, 0x11}},
+    {'i', {0x04, 0x00, 0x0c, 0x04, 0x04, 0x04, 0x0e}},
+    {'m', {0x00, 0x00, 0x1a, 0x15, 0x15, 0x15, 0x15}},
+    {'r', {0x00, 0x00, 0x16, 0x19, 0x10, 0x10, 0x10}},
+    {'s', {0x00, 0x00, 0x0f, 0x10, 0x0e, 0x01, 0x1e}},
+    {'t', {0x08, 0x08, 0x1e, 0x08, 0x08, 0x09, 0x06}},
+    {'u', {0x00, 0x00, 0x11, 0x11, 0x11, 0x13, 0x0d}},
+    {'w', {0x00, 0x00, 0x11, 0x11, 0x15, 0x15, 0x0a}},
+    {'x', {0x00, 0x00, 0x11, 0x0a, 0x04, 0x0a, 0x11}},
+    {'y', {0x00, 0x11, 0x11, 0x0f, 0x01, 0x11, 0x0e}},
+};
+
+/* Text twice as large as the font, on a dark ground so that it reads on any picture. */
+static void write_text(brace_image *image, uint32_t x, uint32_t y, const char *text) {
+    const uint32_t wide = 12 * (uint32_t)strlen(text) + 6, high = 20;
+    for (uint32_t j = 0; j < high && y + j < image->height; j++)
+        for (uint32_t i = 0; i < wide && x + i < image->width; i++)
+            memset(pixel(image, x + i, y + j), 24, 3);
+    for (x += 4, y += 3; *text != '\0'; text++, x += 12)
+        for (size_t k = 0; k < sizeof font / sizeof *font; k++)
+            for (uint32_t j = 0; font[k].letter == *text && j < 14; j++)
+                for (uint32_t i = 0; i < 10; i++)
+                    if (font[k].row[j / 2] >> (4 - i / 2) & 1 && x + i < image->width && y + j < image->height)
+                        memset(pixel(image, x + i, y + j), 224, 3);
 }
 
 static void paste(brace_image *sheet, const brace_image *tile, uint32_t x, uint32_t y) {
@@ -79,13 +125,27 @@ brace_status sim_sheet(brace_image **out, const sim_capture *capture, const sim_
     for (uint32_t i = 0; i < count && status == BRACE_OK; i++) {
         bool truth = i + 1 == count;
         double ev = truth ? 0 : -2.0 * ((double)i - capture->count / 2);
-        status = add_frame(sheet, truth ? capture->truth : capture->frame[i], ev, TILE, high,
-                           GAP + i % columns * (TILE + GAP), GAP + i / columns * (high + GAP), job, error);
+        const brace_frame *frame = truth ? capture->truth : capture->frame[i];
+        const uint32_t x = GAP + i % columns * (TILE + GAP), y = GAP + i / columns * (high + GAP);
+        status = add_frame(sheet, frame, ev, TILE, high, x, y, job, error);
+        char label[32] = "truth";
+        if (!truth && frame->exposure_time < 0.3)
+            snprintf(label, sizeof label, "1/%.0f s", 1 / frame->exposure_time);
+        else if (!truth)
+            snprintf(label, sizeof label, "%.2g s", frame->exposure_time);
+        if (status == BRACE_OK)
+            write_text(sheet, x, y, label);
     }
     static const double levels[3] = {1, 0.2, 0.02};
-    for (uint32_t i = 0; i < 3 && status == BRACE_OK; i++)
-        add_waveform(sheet, panel, screen_width / 2, screen_height / 2, levels[i], camera->readout,
-                     2 * (high + GAP) + GAP + i * STRIP);
+    for (uint32_t i = 0; i < 3 && status == BRACE_OK; i++) {
+        static const char *const names[3] = {"white", "20 %", "2 %"};
+        const uint32_t top = 2 * (high + GAP) + GAP + i * STRIP;
+        add_waveform(sheet, panel, screen_width / 2, screen_height / 2, levels[i], camera->readout, top);
+        write_text(sheet, GAP, top, names[i]);
+        char length[32];
+        snprintf(length, sizeof length, "%.3g ms", 1000 * camera->readout);
+        write_text(sheet, sheet->width - GAP - 12 * (uint32_t)strlen(length) - 6, top, length);
+    }
     if (status == BRACE_OK)
         *out = sheet;
     else

@@ -16,6 +16,9 @@ typedef struct sim_texture {
     } level[16];
 } sim_texture;
 
+/* No display has more: 8K has 33 million. */
+#define SIM_SCREEN_PIXELS 64000000
+
 /* From any picture of 1x1 up to BRACE_MAX_PIXELS. */
 brace_status sim_texture_create(sim_texture *out, const brace_image *image, brace_error *error);
 void sim_texture_free(sim_texture *texture);

@@ -6,8 +6,6 @@
 #include "image/color.h"
 #include "sim/simulate.h"
 
-enum { SCREEN_PIXELS = 64 * 1000 * 1000 };
-
 void sim_texture_free(sim_texture *t) {
     for (int i = 0; i < t->levels; i++)
         core_free(t->level[i].rgb);
@@ -16,23 +14,24 @@ void sim_texture_free(sim_texture *t) {
 
 brace_status sim_texture_create(sim_texture *out, const brace_image *image, brace_error *error) {
     *out = (sim_texture){.width = image->width, .height = image->height};
-    if ((uint64_t)image->width * image->height > SCREEN_PIXELS)
+    if ((uint64_t)image->width * image->height > SIM_SCREEN_PIXELS)
         return core_fail(error, BRACE_ERROR_UNSUPPORTED,
                          "the screen has %ux%u pixels; displays of up to %d megapixels can be simulated", image->width,
-                         image->height, SCREEN_PIXELS / 1000000);
+                         image->height, SIM_SCREEN_PIXELS / 1000000);
     brace_image *linear;
     brace_status status = brace_image_convert(&linear, image, 3, BRACE_SAMPLE_F32, BRACE_TRANSFER_LINEAR, error);
     if (status != BRACE_OK)
         return status;
     uint32_t width = image->width, height = image->height;
     for (int l = 0; l < 16; l++) {
-        float *rgb = core_alloc((size_t)width * height * 3, sizeof(float));
+        float *rgb = core_alloc((size_t)width * height * 3 + 1, sizeof(float)); /* one more: read four at a time */
         if (!rgb) {
             status = core_fail_memory(error, (size_t)width * height * 12, "the screen");
             break;
         }
         out->level[l].rgb = rgb, out->level[l].width = width, out->level[l].height = height;
         out->levels = l + 1;
+        rgb[(size_t)width * height * 3] = 0;
         if (l == 0) {
             for (uint32_t y = 0; y < height; y++) {
                 const float *in = (const float *)((const char *)linear->data + y * linear->stride);

@@ -19,6 +19,37 @@ mkdir empty
 run 1 dataset verify empty; says 'no samples'
 run 1 dataset import empty -o real; says 'no captures'
 
+# Built from a seed: whole, in shards, resumed.
+export BRACE_DATA="$root/data"
+run 2 dataset build; says 'where to?'
+run 2 dataset build -o b --size 10; says '1024x768'
+run 2 dataset build -o b --shard 3/2; says '3/2'
+run 2 dataset build -o b --seed -1; says 'seed'
+run 1 dataset build -o b --size 33x32 --train 1 --test 1; says 'even'
+run 1 dataset build -o b --screens empty --train 1 --test 1; says 'no pictures'
+printf '{"displays": {"crt_60": 1},\n "flicker_free": 7}' >p.json
+run 1 dataset build -o b --priors p.json; says 'p.json:2'; says 'flicker_free'
+absent b
+build=(--train 5 --test 2 --size 96x64 --seed 7 --quiet)
+run 0 dataset build -o whole "${build[@]}" -t 2; silent
+run 0 dataset verify whole; prints '7 samples, 0 bad, 0 missing'
+run 0 dataset build -o parts "${build[@]}" -t 1 --shard 2/2
+run 1 dataset verify parts; prints 'is missing'
+OMPI_COMM_WORLD_RANK=0 OMPI_COMM_WORLD_SIZE=2 run 0 dataset build -o parts "${build[@]}"
+ok 'a set made in shards is the same' diff -r whole parts
+mv whole/train/000002_* whole/train/.part-000002_x; rm -r whole/train/000003_*
+run 0 dataset build -o whole --json "${build[@]}"; cp out i.json
+is made "$(json i.json made)" 2; is there "$(json i.json there_already)" 5
+rm -r whole/train/.part-000002_x
+ok 'a set made in two goes is the same' diff -r whole parts
+run 1 dataset build -o whole "${build[@]}" --field; says "'field' differs"
+run 0 restore whole/train/000000_*/frame_*.dng -o restored.png --quiet
+# Stopped: whole samples only.
+code=$("$helper" stop 400 TERM "$brace" dataset build -o stopped --train 1000 --test 1 --size 512x384 --quiet 2>/dev/null)
+is 'exit code after SIGTERM' "$code" 143
+is 'unfinished samples' "$(find stopped -name '.part-*')" ''
+run 1 dataset verify stopped; prints ' 0 bad, '
+
 make_small set/train/000000_web
 make_small set/test/000003_UI
 for s in set/train/000000_web set/test/000003_UI; do cp $s/frame_3.dng $s/gt.dng; done
@@ -42,6 +73,9 @@ if [ -w /dev/full ]; then run 1 dataset pack set -o /dev/full; fi
 
 echo '{"samples": ["train/000000_web", "train/000009_web", "test/000003_UI"]}' >set/dataset.json
 run 1 dataset verify set; prints 'train/000009_web: it is missing'
+"$helper" edit set/train/000000_web/frame_4.dng flat.dng flat=200
+cp flat.dng set/train/000000_web/frame_4.dng
+run 1 dataset verify set; prints 'train/000000_web: frame_4.dng: all pixels have the value 200'
 rm set/test/000003_UI/frame_2.dng
 run 1 dataset verify set; prints 'test/000003_UI: frame_2.dng is missing'
 run 1 dataset pack set -o shards; says 'test/000003_UI: frame_2.dng is missing'
