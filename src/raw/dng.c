@@ -220,7 +220,7 @@ brace_status brace_frame_write_dng(const brace_frame *frame, const char *path, c
     status = raw_dng_encode(&data, &size, frame, params, job, path, error);
     if (status == BRACE_OK) {
         if (fwrite(data, 1, size, core_file_stream(file)) != size) {
-            status = core_fail(error, BRACE_ERROR_IO, "cannot write %s: %s", path, strerror(errno));
+            status = core_fail(error, BRACE_ERROR_IO, "%s: cannot write: %s", path, strerror(errno));
         } else {
             status = core_check_cancel(job, error);
         }
