@@ -5,6 +5,7 @@
  *   frame.h    one RAW file      bracket.h  several exposures of one screen
  *   image.h    pictures          develop.h  RAW to picture
  *   restore.h  a bracket in, one clean frame out
+ *   simulate.h a picture on a display in, a bracket of it out
  */
 #ifndef BRACE_BRACE_H
 #define BRACE_BRACE_H
@@ -15,6 +16,7 @@
 #include "image.h"
 #include "job.h"
 #include "restore.h"
+#include "simulate.h"
 #include "status.h"
 #include "version.h"
 

@@ -118,8 +118,8 @@ static brace_status simulate(const arguments *a, const cli_list *screens, uint32
         if (snprintf(folder, sizeof folder, "%s/%06zu", a->output, i) >= (int)sizeof folder)
             status = core_fail(error, BRACE_ERROR_ARGUMENT, "%s: the name is too long", a->output);
         else if (access(folder, F_OK) == 0)
-            status = core_fail(error, BRACE_ERROR_IO, "%s is there already; choose another folder for the samples",
-                               folder);
+            status =
+                core_fail(error, BRACE_ERROR_IO, "%s is there already; choose another folder for the samples", folder);
         if (status != BRACE_OK)
             break;
         sim_scene_sample(&scene, (uint64_t)a->seed, (uint32_t)i, a->field);
@@ -142,8 +142,7 @@ static brace_status simulate(const arguments *a, const cli_list *screens, uint32
         if (status == BRACE_OK)
             status = sim_capture_create(&capture, screen, display, &camera, &scene, job, error);
         if (status == BRACE_OK) {
-            json_object_set_new(capture.meta, "screen",
-                                cli_json_text(cli_basename(file)));
+            json_object_set_new(capture.meta, "screen", cli_json_text(cli_basename(file)));
             if (a->explain)
                 json_dumpf(capture.meta, stdout, JSON_INDENT(1)), putchar('\n');
             status = write_sample(folder, &capture, job, error);
@@ -230,7 +229,7 @@ int cli_simulate(int argc, char **argv) {
             cli_error(command, "stopped; the samples that are there are complete");
         else if (status != BRACE_OK)
             cli_error(command, "%s", error.message);
-        code = status == BRACE_ERROR_CANCELLED              ? cli_signals_exit()
+        code = status == BRACE_ERROR_CANCELLED            ? cli_signals_exit()
                : status == BRACE_OK && cli_flush(command) ? CLI_DONE
                                                           : CLI_FAILED;
     }
