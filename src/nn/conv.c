@@ -142,14 +142,14 @@ static double flops(const nn_call *call) {
     return nn_conv_flops(&((const conv_attributes *)call->attributes)->shape);
 }
 
-#define CONV_OP(kept)                                                                                                  \
+#define CONV_OP(kept, in_dout)                                                                                         \
     {                                                                                                                  \
-        .name = "conv", .keeps = (kept), .forward = forward, .backward = backward, .scratch_bytes = scratch_bytes,     \
-        .prepare = prepare, .release = release, .flops = flops                                                         \
+        .name = "conv", .keeps = (kept), .grad_in_place = (in_dout), .forward = forward, .backward = backward,         \
+        .scratch_bytes = scratch_bytes, .prepare = prepare, .release = release, .flops = flops                         \
     }
-/* An activation's derivative is found from its result. */
-static const nn_op op_linear = CONV_OP(NN_KEEP_IN0);
-static const nn_op op_activated = CONV_OP(NN_KEEP_IN0 | NN_KEEP_OUT);
+/* [activation: its derivative is found from its result][residual: its gradient is dz, which may take dout's place] */
+static const nn_op ops[2][2] = {{CONV_OP(NN_KEEP_IN0, 0), CONV_OP(NN_KEEP_IN0, 2)},
+                                {CONV_OP(NN_KEEP_IN0 | NN_KEEP_OUT, 0), CONV_OP(NN_KEEP_IN0 | NN_KEEP_OUT, 2)}};
 
 /* ---- builders ---- */
 
@@ -168,7 +168,7 @@ nn_value nn_conv_node(nn_graph *g, nn_value x, nn_value residual, nn_shape resul
                       nn_parameter *bias, const conv_attributes *attributes) {
     nn_value in[] = {x, residual};
     return nn_node_add(g, &(nn_node_params){
-                              .op = attributes->activation == NN_LINEAR ? &op_linear : &op_activated,
+                              .op = &ops[attributes->activation != NN_LINEAR][residual != 0],
                               .inputs = residual != 0 ? 2 : 1,
                               .in = in,
                               .shape = result,

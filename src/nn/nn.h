@@ -84,6 +84,8 @@ void nn_weights_zero_grad(nn_weights *weights);
 
 /* safetensors (f32, f16, bf16) by name. Loading before a graph is built keeps the arrays for when it asks for them;
  * after, all parameters must be there with their shapes, unless `partial`. Saving writes f32, bf16 or f16, atomically. */
+brace_status nn_weights_give(nn_weights *weights, const char *name, int rank, const int *shape, const float *values,
+                             brace_error *error); /* one array, copied: now if the parameter is there, else kept */
 brace_status nn_weights_load(nn_weights *weights, const char *path, bool partial, brace_error *error);
 brace_status nn_weights_save(const nn_weights *weights, const char *path, const char *dtype,
                              const char *const *metadata /* key, text, ..., NULL */, brace_error *error);
@@ -100,7 +102,9 @@ typedef enum nn_backend {
 typedef struct nn_graph_params {
     nn_type type; /* of computation */
     nn_backend backend;
-    const brace_job *job; /* threads, cancelling */
+    const brace_job *job; /* threads, cancelling; copied */
+    /* For tests of the plan: no two buffers share memory; buffers are filled with NaN as soon as they are dead. */
+    bool separate, poison;
 } nn_graph_params;
 
 brace_status nn_graph_create(nn_graph **out, nn_weights *weights, const nn_graph_params *params, brace_error *error);
@@ -112,29 +116,30 @@ void nn_pop(nn_graph *g);
 
 nn_value nn_input(nn_graph *g, const char *name, nn_shape shape);       /* filled before each run; f32 (f64) */
 nn_value nn_input_grad(nn_graph *g, const char *name, nn_shape shape);  /* the same, and its gradient is wanted */
-nn_value nn_constant(nn_graph *g, nn_shape shape, const float *values); /* copied */
-/* A parameter of any use, named in the scope, as a value {1, 1, 1, count} or of a given shape. */
+nn_value nn_constant(nn_graph *g, nn_shape shape, const float *values); /* copied; f32 (f64) */
+/* A parameter of any use, named in the scope, as a value of the given shape, f32 (f64). */
 nn_value nn_param(nn_graph *g, const char *name, nn_shape shape, int rank, const int *torch_shape, nn_init init);
 void nn_output(nn_graph *g, const char *name, nn_value v); /* kept after a run */
 
 /* What is computed between these is not kept for the backward pass but computed again: less memory, a third more
- * time. Segments do not nest. Only their last value may be used outside. */
+ * time. Segments do not nest. What is used outside of them is kept, which should be their last value only. */
 void nn_recompute_begin(nn_graph *g);
 void nn_recompute_end(nn_graph *g);
 
+/* Plans once: nothing can be added afterwards. Parameters to be frozen are frozen before. */
 typedef struct nn_plan_params {
     nn_value loss; /* a scalar to differentiate; 0: forward only */
 } nn_plan_params;
 brace_status nn_graph_plan(nn_graph *g, const nn_plan_params *params, brace_error *error);
 
 brace_status nn_forward(nn_graph *g, brace_error *error);
-/* After nn_forward: adds d loss/d parameter to each parameter's grad. `scale` multiplies the loss. */
+/* After nn_forward, once: adds d loss/d parameter to each parameter's grad. `scale` multiplies the loss. */
 brace_status nn_backward(nn_graph *g, double scale, brace_error *error);
 
 nn_shape nn_shape_of(const nn_graph *g, nn_value v);
 nn_type nn_type_of(const nn_graph *g, nn_value v);
 void *nn_data(nn_graph *g, nn_value v); /* inputs and outputs; NULL for others, whose buffers are shared */
-void *nn_grad(nn_graph *g, nn_value v); /* of an nn_input_grad, after nn_backward */
+void *nn_grad(nn_graph *g, nn_value v); /* of an nn_input_grad, after nn_backward; NULL where the loss needs it not */
 size_t nn_bytes(const nn_graph *g, nn_value v);
 size_t nn_graph_memory(const nn_graph *g);      /* bytes of the plan: activations, gradients, scratch */
 double nn_graph_flops(const nn_graph *g);       /* of a forward pass: multiply and add are two */
@@ -166,7 +171,8 @@ nn_value nn_linear(nn_graph *g, nn_value x, const char *name, int out, bool bias
 /* Batched over n and h: a {.., w, c} times b {.., c, w2}, or with b transposed {.., w2, c}: {.., w, w2}, times scale. */
 nn_value nn_matmul(nn_graph *g, nn_value a, nn_value b, bool transpose_b, double scale);
 
-/* ---- elementwise (elementwise.c, activation.c): each dimension of b equals a's or is 1, and the other way round ---- */
+/* ---- elementwise (binary.c, unary.c): each dimension of b equals a's or is 1, and the other way round; the types may
+ * differ ---- */
 nn_value nn_add(nn_graph *g, nn_value a, nn_value b);
 nn_value nn_sub(nn_graph *g, nn_value a, nn_value b);
 nn_value nn_mul(nn_graph *g, nn_value a, nn_value b);

@@ -35,7 +35,7 @@ typedef struct nn_call {
     nn_view din[NN_MAX_IN]; /* backward only; data NULL: not wanted */
     bool add[NN_MAX_IN];
     nn_parameter *parameter[NN_MAX_PARAMETERS];
-    void *saved;   /* saved_bytes, from forward to backward */
+    void *saved;   /* saved_bytes, from forward to backward; NULL in a forward pass that no backward will follow */
     void *scratch; /* scratch_bytes; nothing is kept in it */
     void *kernel;  /* what prepare made: packed weights, oneDNN primitives */
     core_pool *pool;
@@ -50,6 +50,8 @@ typedef struct nn_op {
     const char *name;
     unsigned keeps;
     bool in_place; /* out may be the buffer of in[0] when nobody needs that any more */
+    bool view;     /* out is in[0] under another shape: forward is not called */
+    int grad_in_place; /* 1 + i: din[i] may be the buffer of dout, so it is written last; add[i] is not set then */
     void (*forward)(nn_call *call);
     void (*backward)(nn_call *call);
     /* Optional. Bytes from forward to backward, and of scratch (backward: which pass), for the pool's thread count. */

@@ -1,0 +1,198 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * weights_file.c: parameters in safetensors files, as f32, bf16 or f16.
+ */
+#include <limits.h>
+#include <string.h>
+
+#include "core/safetensors.h"
+#include "nn/node.h"
+#include "nn/weights.h"
+
+/* IEEE 754 binary16. Subnormals: the ten bits are a multiple of 2^-24. */
+static float from_f16(uint16_t h) {
+    const uint32_t sign = (uint32_t)(h & 0x8000u) << 16, exponent = h >> 10 & 31u, fraction = h & 0x3ffu;
+    union { uint32_t u; float f; } x;
+    if (exponent == 0) {
+        x.f = (float)fraction * 0x1p-24f;
+        x.u |= sign;
+    } else {
+        x.u = sign | (exponent == 31 ? 0xffu : exponent + 112) << 23 | fraction << 13;
+    }
+    return x.f;
+}
+
+/* To nearest, ties to even; too large becomes infinite. */
+static uint16_t to_f16(float f) {
+    union { float f; uint32_t u; } x = {f};
+    const uint16_t sign = (uint16_t)(x.u >> 16 & 0x8000u);
+    x.u &= 0x7fffffffu;
+    if (x.u > 0x7f800000u) {
+        return (uint16_t)(sign | 0x7e00u);
+    }
+    if (x.u >= 0x477ff000u) { /* 65520 and more */
+        return (uint16_t)(sign | 0x7c00u);
+    }
+    if (x.u < 0x38800000u) { /* below 2^-14: adding 1/2 leaves multiples of 2^-24 in the low bits */
+        x.f += 0.5f;
+        return (uint16_t)(sign | (x.u & 0x7ffu));
+    }
+    return (uint16_t)(sign | ((x.u - 0x38000000u + 0xfffu + (x.u >> 13 & 1u)) >> 13));
+}
+
+static float number(const core_tensor *t, size_t i) {
+    const unsigned char *p = t->data; /* perhaps not aligned */
+    uint16_t half;
+    float single;
+    double wide;
+    switch (t->dtype) {
+    case CORE_F16:
+        memcpy(&half, p + 2 * i, 2);
+        return from_f16(half);
+    case CORE_BF16:
+        memcpy(&half, p + 2 * i, 2);
+        return nn_from_bf16(half);
+    case CORE_F64:
+        memcpy(&wide, p + 8 * i, 8);
+        return (float)wide;
+    default:
+        memcpy(&single, p + 4 * i, 4);
+        return single;
+    }
+}
+
+static bool is_real(core_dtype t) {
+    return t == CORE_F16 || t == CORE_BF16 || t == CORE_F32 || t == CORE_F64;
+}
+
+/* The shape as ours; false where it cannot be one. */
+static bool shape_of(const core_tensor *t, int shape[4]) {
+    for (int i = 0; i < t->rank && t->rank <= 4; i++) {
+        if (t->shape[i] > INT_MAX) {
+            return false;
+        }
+        shape[i] = (int)t->shape[i];
+    }
+    return t->rank <= 4;
+}
+
+static brace_status give(nn_weights *weights, const core_tensor *t, const char *path, brace_error *error) {
+    int shape[4] = {0};
+    const size_t count = t->size / core_dtype_size(t->dtype);
+    if (!shape_of(t, shape)) {
+        return BRACE_OK; /* nothing of ours can be that; missing it is noticed */
+    }
+    float *values = core_alloc(count, sizeof *values);
+    if (values == NULL) {
+        return core_fail_memory(error, count * sizeof *values, path);
+    }
+    for (size_t i = 0; i < count; i++) {
+        values[i] = number(t, i);
+    }
+    brace_status status = nn_weights_give(weights, t->name, t->rank, shape, values, error);
+    core_free(values);
+    return status;
+}
+
+/* All that can be wrong is found before anything is changed. */
+static brace_status check(const nn_weights *weights, const core_safetensors *file, const char *path, bool partial,
+                          brace_error *error) {
+    char a[64], b[64];
+    for (size_t i = 0; i < weights->count; i++) {
+        const nn_parameter *p = weights->items[i];
+        const core_tensor *t = core_safetensors_find(file, p->name);
+        int shape[4] = {0};
+        if (t == NULL && partial) {
+            continue;
+        }
+        if (t == NULL || !is_real(t->dtype)) {
+            return core_fail(error, BRACE_ERROR_MISMATCH, "%s: has no weights '%s'; it belongs to another network", path,
+                             p->name);
+        }
+        if (!shape_of(t, shape) || !nn_same_shape(t->rank, shape, p->rank, p->shape)) {
+            return core_fail(error, BRACE_ERROR_MISMATCH,
+                             "%s: the weights '%s' are %s, but the network's are %s; they belong to another network", path,
+                             p->name, nn_shape_text(a, sizeof a, t->rank <= 4 ? t->rank : 0, shape),
+                             nn_shape_text(b, sizeof b, p->rank, p->shape));
+        }
+    }
+    return BRACE_OK;
+}
+
+brace_status nn_weights_load(nn_weights *weights, const char *path, bool partial, brace_error *error) {
+    core_safetensors *file = NULL;
+    brace_status status = core_safetensors_open(&file, path, error);
+    if (status != BRACE_OK) {
+        return status;
+    }
+    status = check(weights, file, path, partial, error);
+    for (size_t i = 0; status == BRACE_OK && i < core_safetensors_count(file); i++) {
+        const core_tensor *t = core_safetensors_at(file, i);
+        if (is_real(t->dtype)) {
+            status = give(weights, t, path, error);
+        }
+    }
+    core_safetensors_close(file);
+    if (status == BRACE_OK && weights->count == 0 && !partial) {
+        core_free(weights->complete);
+        weights->complete = core_strdup(path);
+        if (weights->complete == NULL) {
+            status = core_fail_memory(error, strlen(path), path);
+        }
+    }
+    return status;
+}
+
+static brace_status save_one(core_safetensors_writer *writer, const nn_parameter *p, core_dtype dtype,
+                             brace_error *error) {
+    core_tensor t = {.name = p->name, .dtype = dtype, .rank = p->rank, .data = p->value};
+    uint16_t *half = NULL;
+    for (int i = 0; i < p->rank; i++) {
+        t.shape[i] = (uint64_t)p->shape[i];
+    }
+    if (dtype != CORE_F32) {
+        half = core_alloc(p->count, sizeof *half);
+        if (half == NULL) {
+            return core_fail_memory(error, p->count * sizeof *half, "weights");
+        }
+        for (size_t i = 0; i < p->count; i++) {
+            half[i] = dtype == CORE_F16 ? to_f16(p->value[i]) : nn_to_bf16(p->value[i]);
+        }
+        t.data = half;
+    }
+    brace_status status = core_safetensors_add(writer, &t, error);
+    core_free(half);
+    return status;
+}
+
+brace_status nn_weights_save(const nn_weights *weights, const char *path, const char *dtype,
+                             const char *const *metadata, brace_error *error) {
+    const core_dtype type = strcmp(dtype, "bf16") == 0 ? CORE_BF16 : strcmp(dtype, "f16") == 0 ? CORE_F16 : CORE_F32;
+    if (type == CORE_F32 && strcmp(dtype, "f32") != 0) {
+        return core_fail(error, BRACE_ERROR_ARGUMENT, "weights are saved as f32, bf16 or f16, not as '%.20s'", dtype);
+    }
+    size_t reserve = 4096;
+    for (size_t i = 0; i < weights->count; i++) {
+        reserve += 6 * strlen(weights->items[i]->name) + 256;
+    }
+    for (size_t i = 0; metadata != NULL && metadata[i] != NULL; i++) {
+        reserve += 6 * strlen(metadata[i]) + 16;
+    }
+    core_safetensors_writer *writer = NULL;
+    brace_status status = core_safetensors_create(&writer, path, reserve, error);
+    if (status != BRACE_OK) {
+        return status;
+    }
+    for (size_t i = 0; status == BRACE_OK && metadata != NULL && metadata[i] != NULL && metadata[i + 1] != NULL;
+         i += 2) {
+        status = core_safetensors_add_metadata(writer, metadata[i], metadata[i + 1], error);
+    }
+    for (size_t i = 0; status == BRACE_OK && i < weights->count; i++) {
+        status = save_one(writer, weights->items[i], type, error);
+    }
+    if (status != BRACE_OK) {
+        core_safetensors_abort(writer);
+        return status;
+    }
+    return core_safetensors_commit(writer, error);
+}
