@@ -114,6 +114,7 @@ typedef struct nn_isa {
     void (*finish)(const nn_finish *finish);
     void (*enter)(void); /* before the first block of a piece; NULL: nothing to do */
     void (*leave)(void);
+    double (*peak)(long rounds); /* multiplies and adds in registers alone, for benchmarks; returns FLOPs done */
     /* bf16 kernels only. Interleaves: out[c][2] = a[c], b[c] for c < count; `out` is written up to a multiple of 32. */
     void (*interleave)(uint16_t *out, const uint16_t *a, const uint16_t *b, int count);
     /* Transposes: out[c][p] = in[p][c] for p < 32, c < count; rows of `in` and `out` at the given distances. */
