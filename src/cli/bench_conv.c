@@ -134,7 +134,9 @@ static brace_status bench_one(const conv_bench *b, bench_case *k, int column, br
     fill(x, nx, col->type, &rng);
     fill(dz, ny, col->type, &rng);
     fill(weight, nw, NN_F32, &rng);
-    status = col->method->create(&state, col->method, &s, (nn_conv_types){col->type, col->type}, true, threads, error);
+    status = col->method->create(&state, col->method, &s,
+                                 (nn_conv_types){.in = col->type, .result = col->type, .activation = NN_RELU, .bias = true},
+                                 true, threads, error);
     for (int i = 0; i < PASSES && status == BRACE_OK; i++) {
         size_t bytes = col->method->scratch(state, (nn_product)i, threads);
         scratch = core_alloc(bytes, 1);
