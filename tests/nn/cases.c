@@ -121,6 +121,28 @@ CASE(variance_n) { return nn_var(g, x[0], true, false, false, false); }
 CASE(sort_w) { return nn_sort(g, x[0], NN_AXIS_W); }
 CASE(sort_c) { return nn_sort(g, x[0], NN_AXIS_C); }
 CASE(l1) { return nn_l1(g, x[0], x[1]); }
+static nn_value conv(nn_graph *g, nn_value x, int out, int kernel, int stride, nn_value residual, nn_activation act) {
+    return nn_conv2d(g, x, &(nn_conv){.name = "conv",
+                                      .out = out,
+                                      .kernel = kernel,
+                                      .stride = stride,
+                                      .pad = kernel / 2,
+                                      .activation = act,
+                                      .residual = residual,
+                                      .init = NN_INIT_UNIFORM_FAN_IN});
+}
+CASE(conv_3) { return conv(g, x[0], 6, 3, 1, 0, NN_LEAKY_RELU); }
+CASE(conv_1) { return conv(g, x[0], 3, 1, 1, 0, NN_SIGMOID); }
+CASE(conv_7_2) { return conv(g, x[0], 2, 7, 2, 0, NN_LINEAR); }
+CASE(conv_residual) { return conv(g, x[0], 4, 3, 1, x[1], NN_TANH); }
+CASE(conv_residual_self) { return conv(g, x[0], 5, 3, 1, x[0], NN_LINEAR); }
+CASE(filter) {
+    const float taps[9] = {0.0625f, 0.125f, 0.0625f, 0.125f, 0.25f, 0.125f, 0.0625f, 0.125f, 0.0625f};
+    return nn_filter(g, x[0], 3, 2, 1, taps);
+}
+CASE(linear) { return nn_linear(g, x[0], "fc", 3, true, NN_INIT_UNIFORM_FAN_IN); }
+CASE(matmul) { return nn_matmul(g, x[0], x[1], false, 0.5); }
+CASE(matmul_turned) { return nn_matmul(g, x[0], x[1], true, 2); }
 CASE(parameter) {
     const nn_value p = nn_param(g, "scale", (nn_shape){1, 1, 1, 5}, 3, (const int[]){5, 1, 1}, NN_INIT_UNIFORM_FAN_IN);
     return nn_mul(g, x[0], p);
@@ -206,6 +228,15 @@ const op_case op_cases[] = {
     {"sort_w", {X}, -1, 1, sort_w},
     {"sort_c", {{2, 2, 3, 9}}, -1, 1, sort_c},
     {"l1", {X, X}, -1, 1, l1},
+    {"conv_3", {{2, 4, 5, 3}}, -1, 1, conv_3},
+    {"conv_1", {{1, 3, 4, 5}}, -1, 1, conv_1},
+    {"conv_7_2", {{1, 7, 6, 2}}, -1, 1, conv_7_2},
+    {"conv_residual", {{1, 4, 3, 2}, {1, 4, 3, 4}}, -1, 1, conv_residual},
+    {"conv_residual_self", {X}, -1, 1, conv_residual_self},
+    {"filter", {{2, 5, 6, 3}}, -1, 1, filter},
+    {"linear", {X}, -1, 1, linear},
+    {"matmul", {X, {2, 3, 5, 2}}, -1, 1, matmul},
+    {"matmul_turned", {X, {2, 3, 2, 5}}, -1, 1, matmul_turned},
     {"param", {X}, -1, 1, parameter},
 };
 const size_t op_case_count = sizeof op_cases / sizeof op_cases[0];
