@@ -69,6 +69,7 @@ static void backward(nn_call *call) {
     void *dw = grad_of(call->parameter[0], a->types.in), *dbias = grad_of(call->parameter[1], a->types.in);
     void *dresidual = a->types.residual ? call->din[1].data : NULL;
     bool products = call->din[0].data != NULL || dw != NULL;
+    bool same = dresidual != NULL && dresidual == call->din[0].data; /* x is its own residual, which is served first */
     const void *dz = call->dout.data;
     unsigned char *scratch = call->scratch;
     nn_gradient gradient = {.pixels = nn_count(call->out.shape) / (size_t)a->shape.out,
@@ -78,7 +79,7 @@ static void backward(nn_call *call) {
                             .dy = call->dout.data,
                             .y = call->out.data,
                             .residual = dresidual,
-                            .add_residual = call->add[1],
+                            .add_residual = same ? call->add[0] : call->add[1],
                             .dbias = dbias,
                             .pool = call->pool};
     if (needs_dz(a) && products) {
@@ -98,7 +99,7 @@ static void backward(nn_call *call) {
                          .version = call->parameter[0]->version,
                          .dz = dz,
                          .dx = call->din[0].data,
-                         .add = call->add[0],
+                         .add = same || call->add[0],
                          .dw = dw,
                          .scratch = scratch,
                          .pool = call->pool};

@@ -43,7 +43,7 @@ typedef struct nn_call {
 
 enum {
     NN_KEEP_OUT = 1u << 31, /* backward reads out */
-    NN_KEEP_IN0 = 1u, NN_KEEP_IN1 = 2u, /* 1u << i: backward reads in[i] */
+    NN_KEEP_IN0 = 1u, NN_KEEP_IN1 = 2u, NN_KEEP_IN2 = 4u, /* 1u << i: backward reads in[i] */
 };
 
 typedef struct nn_op {

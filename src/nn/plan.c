@@ -30,7 +30,7 @@ static brace_status mark(nn_graph *g, brace_error *error) {
         for (int i = 0; i < node->inputs && g->loss != 0; i++) {
             node->wants_grad |= g->nodes[node->in[i]]->wants_grad;
         }
-        node->needed = node->output || v == g->loss;
+        node->needed = node->output || v == g->loss || node->op == &nn_op_input; /* inputs can be filled in any case */
         node->grad = 0;
     }
     if (g->loss != 0 && !g->nodes[g->loss]->wants_grad) {
@@ -39,7 +39,7 @@ static brace_status mark(nn_graph *g, brace_error *error) {
     bool any = false;
     for (int v = g->count; v >= 1; v--) {
         nn_node *node = g->nodes[v];
-        any |= node->needed;
+        any |= node->output || v == g->loss;
         for (int i = 0; i < node->inputs && node->needed; i++) {
             g->nodes[node->in[i]]->needed = true;
         }

@@ -1,0 +1,163 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * sort.c: sorts along one dimension, rising, equal numbers in their old order, NaN
+ * last. The permutation is kept for the way back. Radix sort of the numbers' bits,
+ * eleven at a time; digits that are the same in all numbers cost nothing more.
+ */
+#include <string.h>
+
+#include "nn/chunks.h"
+#include "nn/move.h"
+
+typedef struct sort {
+    nn_axis axis;
+} sort;
+
+typedef struct item {
+    uint64_t key;
+    uint32_t index;
+} item;
+
+enum { BITS = 11, DIGITS = 1 << BITS };
+
+/* Unsigned numbers in the order of the doubles. */
+static uint64_t key_of(double x) {
+    union { double d; uint64_t u; } v = {x == 0 ? 0 : x}; /* -0 is 0 */
+    if (x != x) {
+        return UINT64_MAX;
+    }
+    return v.u >> 63 != 0 ? ~v.u : v.u | (uint64_t)1 << 63;
+}
+
+static double number_of(uint64_t key) {
+    union { uint64_t u; double d; } v = {key >> 63 != 0 ? key & ~((uint64_t)1 << 63) : ~key};
+    return v.d;
+}
+
+/* Sorted items are in the place that is returned. */
+static item *radix_sort(item *a, item *b, size_t n) {
+    for (unsigned shift = 0; shift < 64; shift += BITS) {
+        uint32_t count[DIGITS] = {0};
+        for (size_t i = 0; i < n; i++) {
+            count[a[i].key >> shift & (DIGITS - 1)]++;
+        }
+        if (count[a[0].key >> shift & (DIGITS - 1)] == n) {
+            continue;
+        }
+        uint32_t sum = 0;
+        for (size_t i = 0; i < DIGITS; i++) {
+            const uint32_t c = count[i];
+            count[i] = sum;
+            sum += c;
+        }
+        for (size_t i = 0; i < n; i++) {
+            b[count[a[i].key >> shift & (DIGITS - 1)]++] = a[i];
+        }
+        item *swap = a;
+        a = b;
+        b = swap;
+    }
+    return a;
+}
+
+typedef struct sort_job {
+    nn_call *call;
+    size_t n, stride; /* of a line */
+} sort_job;
+
+static size_t line_start(const sort_job *job, size_t line) {
+    return line / job->stride * job->n * job->stride + line % job->stride;
+}
+
+static size_t room(size_t n) {
+    return (2 * n * sizeof(item) + 63) / 64 * 64;
+}
+
+static void forward_lines(void *arg, size_t begin, size_t end, int worker) {
+    const sort_job *job = arg;
+    const nn_view x = job->call->in[0], y = job->call->out;
+    const size_t size = nn_type_size(x.type);
+    item *a = (item *)(void *)((unsigned char *)job->call->scratch + (size_t)worker * room(job->n)), *b = a + job->n;
+    uint32_t *order = job->call->saved;
+    for (size_t l = begin; l < end; l++) {
+        const size_t start = line_start(job, l);
+        for (size_t i = 0; i < job->n; i++) {
+            double v;
+            nn_load_double(x.type, (const unsigned char *)x.data + (start + i * job->stride) * size, &v, 1);
+            a[i] = (item){key_of(v), (uint32_t)i};
+        }
+        const item *sorted = radix_sort(a, b, job->n);
+        for (size_t i = 0; i < job->n; i++) {
+            const size_t at = start + i * job->stride;
+            const double v = number_of(sorted[i].key);
+            nn_store_double(y.type, &v, (unsigned char *)y.data + at * size, 1, false);
+            if (order != NULL) {
+                order[at] = sorted[i].index;
+            }
+        }
+    }
+}
+
+static void backward_lines(void *arg, size_t begin, size_t end, int worker) {
+    const sort_job *job = arg;
+    const nn_view g = job->call->dout, d = job->call->din[0];
+    const size_t size = nn_type_size(g.type);
+    const uint32_t *order = job->call->saved;
+    (void)worker;
+    for (size_t l = begin; l < end; l++) {
+        const size_t start = line_start(job, l);
+        for (size_t i = 0; i < job->n; i++) {
+            const size_t from = start + i * job->stride, to = start + order[from] * job->stride;
+            double v;
+            nn_load_double(g.type, (const unsigned char *)g.data + from * size, &v, 1);
+            nn_store_double(d.type, &v, (unsigned char *)d.data + to * size, 1, job->call->add[0]);
+        }
+    }
+}
+
+static sort_job job_of(nn_call *call) {
+    nn_shape s = call->in[0].shape;
+    const nn_axis axis = ((const sort *)call->attributes)->axis;
+    return (sort_job){call, (size_t)*nn_dimension(&s, axis), (size_t)nn_strides_of(s).at[axis]};
+}
+
+static void forward(nn_call *call) {
+    sort_job job = job_of(call);
+    core_parallel(call->pool, nn_count(call->in[0].shape) / job.n, 16384 / job.n + 1, forward_lines, &job);
+}
+
+static void backward(nn_call *call) {
+    sort_job job = job_of(call);
+    if (call->din[0].data != NULL) {
+        core_parallel(call->pool, nn_count(call->dout.shape) / job.n, 16384 / job.n + 1, backward_lines, &job);
+    }
+}
+
+static size_t saved_bytes(const nn_call *call) {
+    return nn_count(call->out.shape) * sizeof(uint32_t);
+}
+
+static size_t scratch_bytes(const nn_call *call, bool backward_pass, int threads) {
+    nn_shape s = call->in[0].shape;
+    const nn_axis axis = ((const sort *)call->attributes)->axis;
+    return backward_pass ? 0 : (size_t)threads * room((size_t)*nn_dimension(&s, axis));
+}
+
+static const nn_op sort_op = {.name = "sort",
+                              .forward = forward,
+                              .backward = backward,
+                              .saved_bytes = saved_bytes,
+                              .scratch_bytes = scratch_bytes};
+
+nn_value nn_sort(nn_graph *g, nn_value x, nn_axis axis) {
+    if (!nn_usable(g, x)) {
+        return 0;
+    }
+    return nn_node_add(g, &(nn_node_params){.op = &sort_op,
+                                            .inputs = 1,
+                                            .in = &x,
+                                            .shape = nn_shape_of(g, x),
+                                            .type = nn_type_of(g, x),
+                                            .attributes = &(sort){axis},
+                                            .attributes_size = sizeof(sort)});
+}
