@@ -64,20 +64,28 @@ static inline void _tile_stored(int t, void *base, size_t stride) {
 
 /* c[m][n] += sum_k a[m][2 k] b[k][2 n] + a[m][2 k + 1] b[k][2 n + 1] */
 static inline void _tile_dpbf16ps(int c, int a, int b) {
-    amx_require(amx.configured && amx.row_bytes[a] / 4 == amx.rows[b]);
-    for (int m = 0; m < amx.rows[c]; m++) {
-        for (int n = 0; n < amx.row_bytes[c] / 4; n++) {
-            float sum;
-            memcpy(&sum, amx.tile[c][m] + 4 * n, 4);
-            for (int k = 0; k < amx.rows[b]; k++) {
-                uint16_t x[2], y[2];
-                memcpy(x, amx.tile[a][m] + 4 * k, 4);
-                memcpy(y, amx.tile[b][k] + 4 * n, 4);
-                sum += nn_from_bf16(x[0]) * nn_from_bf16(y[0]);
-                sum += nn_from_bf16(x[1]) * nn_from_bf16(y[1]);
-            }
-            memcpy(amx.tile[c][m] + 4 * n, &sum, 4);
+    amx_require(amx.configured && amx.row_bytes[a] / 4 == amx.rows[b] && amx.row_bytes[c] == amx.row_bytes[b]);
+    float even[16][16], odd[16][16]; /* of b */
+    for (int k = 0; k < 16; k++) {
+        uint16_t pair[32];
+        memcpy(pair, amx.tile[b][k], sizeof pair);
+        for (int n = 0; n < 16; n++) {
+            even[k][n] = nn_from_bf16(pair[2 * n]);
+            odd[k][n] = nn_from_bf16(pair[2 * n + 1]);
         }
+    }
+    for (int m = 0; m < amx.rows[c]; m++) {
+        float sum[16];
+        memcpy(sum, amx.tile[c][m], sizeof sum);
+        for (int k = 0; k < amx.rows[b]; k++) {
+            uint16_t pair[2];
+            memcpy(pair, amx.tile[a][m] + 4 * k, sizeof pair);
+            float x = nn_from_bf16(pair[0]), y = nn_from_bf16(pair[1]);
+            for (int n = 0; n < 16; n++) {
+                sum[n] += x * even[k][n] + y * odd[k][n];
+            }
+        }
+        memcpy(amx.tile[c][m], sum, sizeof sum);
     }
 }
 

@@ -109,8 +109,7 @@ int nn_methods(nn_type in, const nn_method *methods[NN_MAX_METHODS]) {
     return count;
 }
 
-const nn_method *nn_method_choose(nn_backend backend, nn_conv_types types, const nn_conv_shape *shape) {
-    (void)shape;
+const nn_method *nn_method_choose(nn_backend backend, nn_conv_types types) {
     fill_once();
     if (types.in == NN_F64) {
         return &nn_method_ref;
@@ -127,7 +126,11 @@ const nn_method *nn_method_choose(nn_backend backend, nn_conv_types types, const
             return table.onednn;
         }
         break;
-    case NN_AUTO:
+    case NN_AUTO: /* ours are as fast forward and faster backward; plain C is not */
+        if (types.in == NN_F32 && native == NULL && table.onednn != NULL) {
+            return table.onednn;
+        }
+        break;
     case NN_NATIVE:
         break;
     }

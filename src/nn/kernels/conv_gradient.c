@@ -11,7 +11,10 @@
 #include "nn/kernels/kernels.h"
 #include "nn/node.h"
 
-enum { SLOTS = 32, LINE = 64 };
+#define GRADIENT nn_gradient_plain
+#include "nn/kernels/gradient_body.h"
+
+enum { SLOTS = 32 };
 
 static size_t slots_of(size_t pixels) {
     size_t slots = (pixels + 255) / 256;
@@ -38,67 +41,6 @@ static inline double derivative(double y, nn_activation activation) {
     return 1;
 }
 
-static inline void load(float *to, const void *from, size_t at, size_t count, nn_type type) {
-    if (type == NN_BF16) {
-        const uint16_t *v = (const uint16_t *)from + at;
-        for (size_t i = 0; i < count; i++) {
-            to[i] = nn_from_bf16(v[i]);
-        }
-    } else {
-        memcpy(to, (const float *)from + at, count * sizeof *to);
-    }
-}
-
-static inline void store(void *to, size_t at, const float *from, size_t count, nn_type type, bool add) {
-    if (type == NN_BF16) {
-        uint16_t *v = (uint16_t *)to + at;
-        for (size_t i = 0; i < count; i++) {
-            v[i] = nn_to_bf16(add ? from[i] + nn_from_bf16(v[i]) : from[i]);
-        }
-    } else {
-        float *v = (float *)to + at;
-        for (size_t i = 0; i < count; i++) {
-            v[i] = add ? v[i] + from[i] : from[i];
-        }
-    }
-}
-
-/* One pixel in pieces of at most LINE channels. */
-static void pixel_f32(const nn_gradient *g, size_t at, double *sums) {
-    float dz[LINE], y[LINE];
-    for (size_t c = 0; c < (size_t)g->channels; c += LINE) {
-        size_t count = (size_t)g->channels - c < LINE ? (size_t)g->channels - c : LINE;
-        load(dz, g->dy, at + c, count, g->types.result);
-        if (g->activation == NN_RELU) {
-            load(y, g->y, at + c, count, g->types.result);
-            for (size_t i = 0; i < count; i++) {
-                dz[i] = y[i] > 0 ? dz[i] : 0;
-            }
-        } else if (g->activation == NN_LEAKY_RELU) {
-            load(y, g->y, at + c, count, g->types.result);
-            for (size_t i = 0; i < count; i++) {
-                dz[i] = y[i] > 0 ? dz[i] : 0.1f * dz[i];
-            }
-        } else if (g->activation != NN_LINEAR) {
-            load(y, g->y, at + c, count, g->types.result);
-            for (size_t i = 0; i < count; i++) {
-                dz[i] = (float)((double)dz[i] * derivative((double)y[i], g->activation));
-            }
-        }
-        if (g->dz != NULL) {
-            store(g->dz, at + c, dz, count, g->types.in, false);
-        }
-        if (g->residual != NULL) {
-            store(g->residual, at + c, dz, count, g->types.result, g->add_residual);
-        }
-        if (g->dbias != NULL) {
-            for (size_t i = 0; i < count; i++) {
-                sums[c + i] += (double)dz[i];
-            }
-        }
-    }
-}
-
 static void pixel_f64(const nn_gradient *g, size_t at, double *sums) {
     const double *dy = (const double *)g->dy + at, *y = (const double *)g->y;
     double *dz = g->dz, *residual = g->residual;
@@ -114,6 +56,22 @@ static void pixel_f64(const nn_gradient *g, size_t at, double *sums) {
     }
 }
 
+/* The same numbers from each; chosen at the first call. */
+static void pixels(const nn_gradient *g, size_t begin, size_t end, double *sums) {
+#if defined(__x86_64__)
+    static _Atomic int level = -1;
+    if (level < 0) {
+        core_cpu cpu = core_cpu_features();
+        level = cpu.avx512 ? 2 : cpu.avx2 ? 1 : 0;
+    }
+    if (level > 0) {
+        (level == 2 ? nn_gradient_avx512 : nn_gradient_avx2)(g, begin, end, sums);
+        return;
+    }
+#endif
+    nn_gradient_plain(g, begin, end, sums);
+}
+
 static void run_slots(void *arg, size_t begin, size_t end, int worker) {
     (void)worker;
     const nn_gradient *g = arg;
@@ -121,13 +79,13 @@ static void run_slots(void *arg, size_t begin, size_t end, int worker) {
     for (size_t slot = begin; slot < end; slot++) {
         double *sums = (double *)g->scratch + slot * line;
         memset(sums, 0, line * sizeof *sums);
-        size_t last = (slot + 1) * g->pixels / slots;
-        for (size_t p = slot * g->pixels / slots; p < last; p++) {
-            if (g->types.in == NN_F64) {
-                pixel_f64(g, p * (size_t)g->channels, sums);
-            } else {
-                pixel_f32(g, p * (size_t)g->channels, sums);
-            }
+        size_t first = slot * g->pixels / slots, last = (slot + 1) * g->pixels / slots;
+        if (g->types.in != NN_F64) {
+            pixels(g, first, last, sums);
+            continue;
+        }
+        for (size_t p = first; p < last; p++) {
+            pixel_f64(g, p * (size_t)g->channels, sums);
         }
     }
 }

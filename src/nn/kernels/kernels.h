@@ -71,7 +71,7 @@ typedef struct nn_method {
 } nn_method;
 
 /* The method for a convolution; never NULL. BRACE_NN overrides `backend`. */
-const nn_method *nn_method_choose(nn_backend backend, nn_conv_types types, const nn_conv_shape *shape);
+const nn_method *nn_method_choose(nn_backend backend, nn_conv_types types);
 /* Of this CPU, those that can do `in` type; for tests and benchmarks. Returns how many. */
 enum { NN_MAX_METHODS = 12 };
 int nn_methods(nn_type in, const nn_method *methods[NN_MAX_METHODS]);
@@ -158,5 +158,9 @@ typedef struct nn_gradient {
 } nn_gradient;
 size_t nn_gradient_scratch(size_t pixels, int channels);
 void nn_gradient_run(const nn_gradient *gradient);
+/* Some of its pixels, each with its instruction set: adds their sums to `sums`. */
+void nn_gradient_plain(const nn_gradient *gradient, size_t begin, size_t end, double *sums);
+void nn_gradient_avx2(const nn_gradient *gradient, size_t begin, size_t end, double *sums);
+void nn_gradient_avx512(const nn_gradient *gradient, size_t begin, size_t end, double *sums);
 
 #endif
