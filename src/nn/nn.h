@@ -93,7 +93,7 @@ brace_status nn_weights_save(const nn_weights *weights, const char *path, const 
 /* ---- graph (graph.c, plan.c, run.c) ---- */
 
 typedef enum nn_backend {
-    NN_AUTO,   /* the fastest that the CPU has; BRACE_NN=ref|onednn|amx|avx512bf16 overrides */
+    NN_AUTO,   /* the fastest that the CPU has; BRACE_NN=ref|onednn|avx2|avx512|avx512bf16|amx overrides */
     NN_REF,    /* plain C for everything: the oracle */
     NN_ONEDNN, /* f32 convolutions and products by oneDNN */
     NN_NATIVE  /* our own kernels only */

@@ -53,6 +53,24 @@ says 'measuring'
 run 0 bench sim --quick -q --size 64x48 -d steady
 is 'what is on stderr' "$(cat err)" ''
 
+# Convolutions.
+run 0 bench conv --help; prints '--channels'; prints 'Examples'
+run 2 bench conv 64; says 'no argument'
+run 2 bench conv --channels 64; says "not '64'"
+run 2 bench conv --channels 64:0; says '--channels'
+run 2 bench conv --size 64; says "not '64'"
+run 0 bench conv --quick --json -q --channels 3:5 --size 9x7
+is 'bench' "$(json out bench)" conv
+is 'size' "$(json out convolutions count) $(json out convolutions 0 width) $(json out convolutions 0 height)" '1 9 7'
+is 'first method' "$(json out methods 0 method)" ref
+for pass in forward backward_data backward_weights; do
+    ok "$pass" awk -v x="$(json out convolutions 0 $pass 'ref f32')" 'BEGIN {exit !(x > 0)}'
+done
+BRACE_CPU=plain run 0 bench conv --quick -q -t 1 -c 3:5 --size 9x7
+prints 'backward_weights'; prints '1 thread'
+checks=$((checks + 1))
+! grep -q avx out || bad 'AVX was measured though it was left out'
+
 # Stopped.
 got=$("$helper" stop 300 INT "$brace" bench sim -q --size 160x120 2>err)
 last='bench sim, stopped'

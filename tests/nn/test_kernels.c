@@ -10,6 +10,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -465,7 +466,25 @@ static int teardown(void **context) {
     return 0;
 }
 
-int main(void) {
+/* test-nn-kernels F32 BF16: what is chosen under BRACE_CPU and BRACE_NN, which are read once. */
+static int check_choice(char **names) {
+    int wrong = 0;
+    for (int t = 0; t < 2; t++) {
+        nn_type in = t == 0 ? NN_F32 : NN_BF16;
+        const nn_method *method = nn_method_choose(NN_AUTO, (nn_conv_types){.in = in, .result = in});
+        /* oneDNN is not everywhere. */
+        if (strcmp(method->name, names[t]) != 0 && strcmp(names[t], "onednn") != 0) {
+            fprintf(stderr, "%s is chosen for %s, not %s\n", method->name, t == 0 ? "f32" : "bf16", names[t]);
+            wrong = 1;
+        }
+    }
+    return wrong;
+}
+
+int main(int argc, char **argv) {
+    if (argc == 3) {
+        return check_choice(&argv[1]);
+    }
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_f32),     cmocka_unit_test(test_bf16),       cmocka_unit_test(test_f64),
         cmocka_unit_test(test_threads), cmocka_unit_test(test_version),    cmocka_unit_test(test_not_finite),
