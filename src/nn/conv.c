@@ -126,7 +126,7 @@ static brace_status prepare(nn_call *call, nn_backend backend, bool training, vo
     if (kernel == NULL) {
         return core_fail_memory(error, sizeof *kernel, "a convolution");
     }
-    kernel->method = nn_method_choose(backend, a->types);
+    kernel->method = nn_method_choose(backend, a->types, &a->shape);
     kernel->training = training;
     brace_status status = kernel->method->create(&kernel->state, kernel->method, &a->shape, a->types, training,
                                                  core_pool_threads(call->pool), error);

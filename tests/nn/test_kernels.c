@@ -330,7 +330,7 @@ static void test_version(void **context) {
     nn_conv_shape s = shape(1, 3, 4, 5, 6, 3, 1, 1);
     for (int t = 0; t < 2; t++) {
         nn_type in = t == 0 ? NN_F32 : NN_BF16;
-        const nn_method *method = nn_method_choose(NN_AUTO, (nn_conv_types){.in = in, .result = NN_F32});
+        const nn_method *method = nn_method_choose(NN_AUTO, (nn_conv_types){.in = in, .result = NN_F32}, &s);
         tensor x = make(60, in, in), w = make(270, NN_F32, NN_F32), y = make(72, NN_F32, NN_F32);
         void *state;
         assert_int_equal(method->create(&state, method, &s, (nn_conv_types){.in = in, .result = NN_F32}, false, 1, NULL), BRACE_OK);
@@ -469,9 +469,10 @@ static int teardown(void **context) {
 /* test-nn-kernels F32 BF16: what is chosen under BRACE_CPU and BRACE_NN, which are read once. */
 static int check_choice(char **names) {
     int wrong = 0;
+    nn_conv_shape s = shape(1, 8, 8, 4, 4, 3, 1, 1);
     for (int t = 0; t < 2; t++) {
         nn_type in = t == 0 ? NN_F32 : NN_BF16;
-        const nn_method *method = nn_method_choose(NN_AUTO, (nn_conv_types){.in = in, .result = in});
+        const nn_method *method = nn_method_choose(NN_AUTO, (nn_conv_types){.in = in, .result = in}, &s);
         /* oneDNN is not everywhere. */
         if (strcmp(method->name, names[t]) != 0 && strcmp(names[t], "onednn") != 0) {
             fprintf(stderr, "%s is chosen for %s, not %s\n", method->name, t == 0 ? "f32" : "bf16", names[t]);

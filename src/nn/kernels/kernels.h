@@ -71,7 +71,7 @@ typedef struct nn_method {
 } nn_method;
 
 /* The method for a convolution; never NULL. BRACE_NN overrides `backend`. */
-const nn_method *nn_method_choose(nn_backend backend, nn_conv_types types);
+const nn_method *nn_method_choose(nn_backend backend, nn_conv_types types, const nn_conv_shape *shape);
 /* Of this CPU, those that can do `in` type; for tests and benchmarks. Returns how many. */
 enum { NN_MAX_METHODS = 12 };
 int nn_methods(nn_type in, const nn_method *methods[NN_MAX_METHODS]);

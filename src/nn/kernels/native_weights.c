@@ -18,8 +18,11 @@
 #include "nn/kernels/native.h"
 
 enum {
-    SLOT_PIXELS = 2048, /* at least: emptying and adding up a slot must cost little */
-    SLOTS = 32,
+    /* At least so many: writing and adding up a slot must cost little beside its products, which tiles make sooner. */
+    SLOT_PIXELS = 1024,
+    SLOT_PIXELS_AMX = 2048,
+    SLOTS = 16,
+    STRIP = 64, /* sums that are added up together */
     SLOT_TOTAL = 48 << 20, /* bytes of all slots together */
     TILE_BYTES = 288 << 10,
     TILE_WIDTH = 64,
@@ -86,7 +89,8 @@ static weights_run describe(const native_state *state) {
     r.worker_bytes = r.x_bytes + r.dz_bytes + r.line_bytes;
     r.slot_floats = native_round_up(r.slot_floats, 16);
 
-    size_t rows = (size_t)s->n * (size_t)s->oh, slots = rows * (size_t)s->ow / SLOT_PIXELS;
+    size_t rows = (size_t)s->n * (size_t)s->oh, slots = rows * (size_t)s->ow;
+    slots /= isa->row_multiple > 1 ? SLOT_PIXELS_AMX : SLOT_PIXELS;
     size_t room = SLOT_TOTAL / sizeof(float) / r.slot_floats;
     slots = slots > SLOTS ? SLOTS : slots;
     slots = slots > room ? room : slots;
@@ -263,30 +267,44 @@ static void run_slots(void *arg, size_t begin, size_t end, int worker) {
     }
 }
 
+/* Sums of all slots, in order. */
+static void add_slots(const weights_run *r, size_t at, size_t count, float sum[STRIP]) {
+    const float *v = (const float *)r->pass->scratch + at;
+    memcpy(sum, v, count * sizeof *sum);
+    for (int slot = 1; slot < r->slots; slot++) {
+        v += r->slot_floats;
+        for (size_t i = 0; i < count; i++) {
+            sum[i] += v[i];
+        }
+    }
+}
+
 /* Adds the slots up and to dw, which has PyTorch's order. A piece is 16 output channels: a line of f32 sums. */
 static void add_up(void *arg, size_t begin, size_t end, int worker) {
     (void)worker;
     const weights_run *r = arg;
     const nn_conv_shape *s = &r->state->shape;
-    const float *slots = r->pass->scratch;
-    float *dw = r->pass->dw;
+    float *dw = r->pass->dw, sum[STRIP];
     size_t taps = (size_t)s->kernel * (size_t)s->kernel, c = (size_t)s->c;
-    bool f32 = r->state->isa->in == NN_F32;
     for (size_t piece = begin; piece < end; piece++) {
         size_t first = piece * 16, count = (size_t)s->out - first < 16 ? (size_t)s->out - first : 16;
         for (size_t tap = 0; tap < taps; tap++) {
-            for (size_t i = 0; i < c; i++) {
-                float sum[16] = {0};
-                size_t at = f32 ? (tap * c + i) * r->out + first : (tap * r->out + first) * r->c + i;
-                size_t step = f32 ? 1 : r->c;
-                for (int slot = 0; slot < r->slots; slot++) {
-                    const float *v = slots + (size_t)slot * r->slot_floats + at;
+            if (r->state->isa->in == NN_F32) { /* [tap][c][out] */
+                for (size_t i = 0; i < c; i++) {
+                    add_slots(r, (tap * c + i) * r->out + first, count, sum);
                     for (size_t o = 0; o < count; o++) {
-                        sum[o] += v[o * step];
+                        dw[((first + o) * c + i) * taps + tap] += sum[o];
                     }
                 }
-                for (size_t o = 0; o < count; o++) {
-                    dw[((first + o) * c + i) * taps + tap] += sum[o];
+                continue;
+            }
+            for (size_t o = first; o < first + count; o++) { /* [tap][out][c] */
+                for (size_t i = 0; i < c; i += STRIP) {
+                    size_t strip = c - i < STRIP ? c - i : STRIP;
+                    add_slots(r, (tap * r->out + o) * r->c + i, strip, sum);
+                    for (size_t j = 0; j < strip; j++) {
+                        dw[(o * c + i + j) * taps + tap] += sum[j];
+                    }
                 }
             }
         }
