@@ -74,55 +74,6 @@ static void test_steady_light_is_exact(void **state) {
     brace_image_destroy(image);
 }
 
-static void test_stripe_frequency(void **state) {
-    (void)state;
-    /* 1 kHz at a readout of 14.5 ms: 14.5 periods from the first row to the last, of 128 in all. */
-    brace_image *image = screen(64, 48, 255);
-    sim_scene s = plain_scene();
-    s.noise = false;
-    sim_capture c = capture(image, "{\"driver\": \"lcd_pwm\", \"frequency\": 1000, \"duty\": 0.5}", &s, 0);
-    double best = 0, found = 0;
-    for (double periods = 5; periods < 40; periods += 0.05) {
-        double re = 0, im = 0, mean = 0;
-        for (uint32_t y = 0; y < s.height; y++)
-            mean += signal(c.frame[0], 96, y & ~1u) / s.height;
-        for (uint32_t y = 0; y < s.height; y++) {
-            double v = signal(c.frame[0], 96 + (y & 1), y) - mean, a = 6.283185307 * periods * y / s.height;
-            double hann = 0.5 - 0.5 * cos(6.283185307 * (y + 0.5) / s.height);
-            re += hann * v * cos(a), im += hann * v * sin(a);
-        }
-        if (hypot(re, im) > best)
-            best = hypot(re, im), found = periods;
-    }
-    assert_true(fabs(found - 14.5) < 0.15);
-    sim_capture_free(&c);
-    brace_image_destroy(image);
-}
-
-static void test_noise_fits_the_profile(void **state) {
-    (void)state;
-    brace_image *image = screen(64, 48, 255);
-    sim_scene s = plain_scene();
-    s.width = 1024, s.height = 512, s.iso = 1600, s.pose.translation[2] = 0.3;
-    double x[3] = {0}, v[3] = {0};
-    for (int i = 0; i < 3; i++) {
-        sim_capture c = capture(image, steady, &s, 0);
-        double sum = 0, square = 0, n = 0;
-        for (uint32_t y = 0; y < s.height; y++)
-            for (uint32_t k = 0; k < s.width; k++)
-                if (brace_cfa_color(c.frame[i]->cfa, k, y) == 1) {
-                    double a = signal(c.frame[i], k, y);
-                    sum += a, square += a * a, n++;
-                }
-        x[i] = sum / n, v[i] = (square - sum * sum / n) / (n - 1);
-        double step = 1.0 / 3839, want = c.frame[i]->noise[1][0] * x[i] + c.frame[i]->noise[1][1] + step * step / 12;
-        if (fabs(v[i] / want - 1) > 0.01)
-            fail_msg("at %.4f: variance %g, the profile says %g", x[i], v[i], want);
-        sim_capture_free(&c);
-    }
-    brace_image_destroy(image);
-}
-
 static void test_threads_do_not_matter(void **state) {
     (void)state;
     brace_image *image = screen(40, 30, 200);
@@ -353,8 +304,6 @@ static void test_public_door(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_steady_light_is_exact),
-        cmocka_unit_test(test_stripe_frequency),
-        cmocka_unit_test(test_noise_fits_the_profile),
         cmocka_unit_test(test_threads_do_not_matter),
         cmocka_unit_test(test_merge_restores_a_capture),
         cmocka_unit_test(test_impossible_values),
