@@ -12,11 +12,11 @@
 
 #include "image/image.h"
 #include "sim/dataset.h"
+#include "sim/screen.h"
 #include "sim/sheet.h"
 #include "sim/simulate.h"
 
 static const char command[] = "simulate";
-static const size_t screen_bytes = (size_t)1 << 30;
 
 typedef struct arguments {
     const char *output, *display, *camera, *size, *sheet, *time;
@@ -63,19 +63,6 @@ static brace_status write_sample(const char *folder, const sim_capture *capture,
     else
         dataset_discard(temporary);
     core_free(temporary);
-    return status;
-}
-
-/* The picture of a screen, refused before it is decoded if it is larger than any display. */
-static brace_status read_screen(brace_image **out, const char *path, const brace_job *job, brace_error *error) {
-    void *data;
-    size_t size;
-    brace_status status = core_file_load(&data, &size, path, screen_bytes, error);
-    if (status != BRACE_OK)
-        return status;
-    image_source source = {data, size, path, SIM_SCREEN_PIXELS, job};
-    status = image_read_memory(out, &source, error);
-    core_free(data);
     return status;
 }
 
@@ -138,7 +125,7 @@ static brace_status simulate(const arguments *a, const cli_list *screens, uint32
             scene.tremor_angle = scene.tremor_position = 0;
         if (a->no_lens)
             scene.psf = scene.glare = scene.vignetting = scene.defocus = scene.distortion[0] = scene.distortion[1] = 0;
-        status = read_screen(&screen, file, job, error);
+        status = sim_screen_read(&screen, NULL, file, job, error);
         if (status == BRACE_OK)
             status = sim_capture_create(&capture, screen, display, &camera, &scene, job, error);
         if (status == BRACE_OK) {

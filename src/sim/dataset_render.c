@@ -9,6 +9,7 @@
 #include "sim/data_path.h"
 #include "sim/dataset.h"
 #include "sim/dataset_priors.h"
+#include "sim/screen.h"
 #include "sim/simulate.h"
 
 enum { STREAM_PRESET = 0x44530010 };
@@ -54,7 +55,7 @@ brace_status dataset_render(void *user, const dataset_task *task, const char *fo
     sim_camera camera;
     sim_capture capture;
     memset(&capture, 0, sizeof capture);
-    brace_status status = brace_image_read(&screen, task->screen, job, error);
+    brace_status status = sim_screen_read(&screen, NULL, task->screen, job, error);
     if (status == BRACE_OK) {
         status = sim_display_load(&display, task->display, error);
     }
