@@ -92,6 +92,12 @@ static void test_alike(void **state) {
     brace_image *first = page(1, 640, 360), *other = page(2, 640, 360), *changed = page(1, 640, 360), *small, *linear;
     assert_true(alike(first, first));
     assert_false(alike(first, other)); /* two pages of text are two pages */
+    /* And so they are with the same beginning. */
+    brace_image *edited = page(1, 640, 360);
+    for (uint32_t y = 270; y < 360; y++)
+        memcpy((char *)edited->data + y * edited->stride, (char *)other->data + y * other->stride, other->stride);
+    assert_false(alike(first, edited));
+    brace_image_destroy(edited);
     /* A clock in the corner does not make another screen, and so does not less light. */
     for (uint32_t y = 0; y < 10; y++)
         memset((char *)changed->data + y * changed->stride + 3 * 600, 120, 3 * 24);
