@@ -95,6 +95,10 @@ wrong '{\n"driver": "lcd_pwm",\n"frequency": 200, "duty": 0.5,\n\n"dutty": 1}' '
 wrong '{\n"driver": "lcd_pwm", "frequency": 200, "duty": 0.5,\n"decay": [0,\n0, -1]}' '4: decay[2]'
 wrong '{\n"driver": "lcd_pwm", "duty": 0.5,\n"duty": 0.4, "frequency": 200}' '3: not valid JSON: duplicate'
 wrong '{\n"driver": "led_spwm", "refresh": 60, "bits": 14, "scan": 8,\n"subperiods": 33}' '3: subperiods: 33'
+printf '\xef\xbb\xbf{"driver": "dc"}' >marked.json # as some editors save UTF-8
+run 0 simulate one.png -o marked "${small[@]}" --display ./marked.json
+mkdir folder.json
+run 1 simulate one.png -o x --display ./folder.json; says 'folder.json'; says 'it is a folder'
 head -c 5000000 /dev/zero >wrong.json
 run 1 simulate one.png -o x --display ./wrong.json; says 'wrong.json'
 printf '{"displays": {"crt_60": 1},\n"flicker_free": 0,\n"scene": {"iso": {"uniform": [100, "b"]}}}' >wrong.json
