@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * test_light.c: every vectorised light kernel against the plain one, with
- * hostile input, odd lengths and guarded ends. With --bench: samples a second.
+ * hostile input, odd lengths and guarded ends.
  */
 #include <string.h>
 
@@ -201,57 +201,7 @@ static void test_hostile(void **state) {
     free(rgb);
 }
 
-static void bench(void) {
-    static const char *const names[] = {"steady",
-                                        "laptop_lcd_25000",
-                                        "monitor_lcd_240",
-                                        "monitor_miniled_480",
-                                        "phone_oled_60_240",
-                                        "phone_oled_120_480",
-                                        "led_wall_3840_16",
-                                        "led_wall_3840_low",
-                                        "hub75_300",
-                                        "dlp_120",
-                                        "crt_60"};
-    enum { W = 1024, H = 256 };
-    float *rgb = test_screen(W, H, 1);
-    printf("%-22s %10s %10s %10s   million samples/s/core\n", "", "plain", "AVX2", "AVX-512");
-    for (size_t k = 0; k < sizeof names / sizeof *names; k++) {
-        sim_display *display = NULL;
-        sim_panel *p = NULL;
-        assert_int_equal(sim_display_load(&display, names[k], NULL), BRACE_OK);
-        assert_int_equal(sim_panel_create(&p, display, rgb, W, H, NULL), BRACE_OK);
-        printf("%-22s", names[k]);
-        for (int v = 0; v < 3; v++) {
-            core_cpu have = core_cpu_features(), cpu = {have.avx2 && v >= 1, have.avx512 && v == 2, false};
-            sim_light_fn *kernel = sim_light_kernel(p, cpu);
-            for (size_t i = 0; i < 1024; i++) {
-                xs[i] = (int32_t)i;
-                levels[i] = rgb[i];
-            }
-            double begin = core_seconds(), done = 0;
-            for (int32_t y = 0; core_seconds() - begin < 0.15; y = (y + 1) % H) {
-                for (size_t i = 0; i < 1024; i++) {
-                    ys[i] = y;
-                    starts[i] = 1.5 + y * 1e-5;
-                }
-                kernel(p, 1024, xs, ys, levels, y % 3, starts, 0.001, fast);
-                done += 1024;
-            }
-            printf(" %10.1f", done / (core_seconds() - begin) * 1e-6);
-        }
-        printf("\n");
-        sim_panel_destroy(p);
-        sim_display_destroy(display);
-    }
-    free(rgb);
-}
-
-int main(int argc, char **argv) {
-    if (argc > 1 && strcmp(argv[1], "--bench") == 0) {
-        bench();
-        return 0;
-    }
+int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_kernels), cmocka_unit_test(test_whole_periods),
                                        cmocka_unit_test(test_hostile)};
     return cmocka_run_group_tests(tests, NULL, NULL);
