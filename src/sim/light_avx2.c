@@ -75,6 +75,9 @@ static inline vd vd_power_of_two(vd n) { /* 2^n for whole n from -1022 to 1023 *
 static inline bool vi_same(vi a, vi b) {
     return _mm_movemask_epi8(_mm_cmpeq_epi32(a, b)) == 0xffff;
 }
+static inline bool vd_same(vd a, vd b) { /* NaN: never */
+    return _mm256_movemask_pd(_mm256_cmp_pd(a, b, _CMP_EQ_OQ)) == 0xf;
+}
 static inline vi vi_last(vi a) { /* the last lane, in all lanes */
     return _mm_shuffle_epi32(a, 0xff);
 }

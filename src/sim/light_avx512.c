@@ -73,6 +73,9 @@ static inline vd vd_power_of_two(vd n) { /* 2^n for whole n from -1022 to 1023 *
 static inline bool vi_same(vi a, vi b) {
     return _mm256_cmpeq_epi32_mask(a, b) == 0xff;
 }
+static inline bool vd_same(vd a, vd b) { /* NaN: never */
+    return _mm512_cmp_pd_mask(a, b, _CMP_EQ_OQ) == 0xff;
+}
 static inline vi vi_last(vi a) { /* the last lane, in all lanes */
     return _mm256_permutevar8x32_epi32(a, _mm256_set1_epi32(7));
 }

@@ -10,6 +10,7 @@
 #ifndef SIM_LIGHT_VECTOR_H
 #define SIM_LIGHT_VECTOR_H
 
+#include <math.h>
 #include <string.h>
 
 /* What a driver gets: where the samples are, and the phases of both ends of the exposure. */
@@ -18,7 +19,7 @@ typedef struct light_lanes {
     vi tile;
 } light_lanes;
 
-/* F(b) - F(a) of a driver. */
+/* F(b) - F(a) of a driver: of s->level, or, with run_shared, of level 1. */
 typedef vd light_body(const sim_panel *panel, int channel, const light_lanes *s);
 
 #define ALWAYS_INLINE static inline __attribute__((always_inline))
@@ -58,7 +59,8 @@ ALWAYS_INLINE vi tile_of(const sim_panel *panel, vd x, vd y) {
     return vd_int(vd_fma(row, vd_set((double)panel->tile_columns), column));
 }
 
-ALWAYS_INLINE vd start_of(const sim_panel *panel, int channel, vd x, vd y, vi tile) {
+/* When the period starts, but for the tile's share. */
+ALWAYS_INLINE vd start_of(const sim_panel *panel, int channel, vd x, vd y) {
     vd start = vd_fma(x, vd_set(panel->start_x), vd_set(panel->start_channel[channel]));
     start = vd_fma(y, vd_set(panel->start_y), start);
     if (panel->scan > 1) {
@@ -66,15 +68,15 @@ ALWAYS_INLINE vd start_of(const sim_panel *panel, int channel, vd x, vd y, vi ti
         group = vd_fnma(group, vd_set(panel->scan), y);
         start = vd_fma(group, vd_set(panel->start_scan), start);
     }
-    if (panel->tile_start != NULL)
-        start = start + vd_gather(panel->tile_start, tile);
     return start;
 }
 
-/* Splits the exposure that begins at `start`: phases of its ends into *s, time of its whole periods. */
-ALWAYS_INLINE vd split(const sim_panel *panel, int channel, vd x, vd start, double exposure, light_lanes *s) {
+/* Splits an exposure that begins at `begin`: phases of its ends into *s, time of its whole periods. */
+ALWAYS_INLINE vd split(const sim_panel *panel, vd begin, vd start, double exposure, light_lanes *s) {
     vd zero = vd_set(0), period = vd_set(panel->period), rate = vd_set(panel->rate);
-    vd a = start - start_of(panel, channel, x, s->y, s->tile);
+    if (panel->tile_start != NULL)
+        start = start + vd_gather(panel->tile_start, s->tile);
+    vd a = begin - start;
     vd b = a + vd_set(exposure);
     vd whole_a = vd_floor(a * rate), whole_b = vd_floor(b * rate);
     s->a = vd_clamp(vd_fnma(whole_a, period, a), zero, period);
@@ -105,7 +107,7 @@ ALWAYS_INLINE void run(sim_light_fn *kernel, PARAMETERS, light_body *body) {
         vd at = load_position(x + i, panel->width);
         light_lanes s = {.y = load_position(y + i, panel->height), .level = vd_load_float(level + i)};
         s.tile = tile_of(panel, at, s.y);
-        vd whole = split(panel, channel, at, vd_load(start + i), exposure, &s);
+        vd whole = split(panel, vd_load(start + i), start_of(panel, channel, at, s.y), exposure, &s);
         vd_store_float(out + i, vd_fma(whole, s.level, body(panel, channel, &s)) * vd_set(1 / exposure));
     }
     if (i < n)
@@ -113,28 +115,27 @@ ALWAYS_INLINE void run(sim_light_fn *kernel, PARAMETERS, light_body *body) {
 }
 
 /*
- * For light that is proportional to the level, the same for all of a tile: `body` is that of level 1, and
- * computed anew only where the samples come to another tile. Usually all start together: a row of a frame.
+ * The same for light that is proportional to the level: `body` gives that of level 1. Neighbours in a row of a frame
+ * begin together and mostly share the start of their period, too: then it is not computed again.
  */
-ALWAYS_INLINE void run_tiles(sim_light_fn *kernel, PARAMETERS, light_body *body) {
-    bool together = true;
-    for (size_t i = 1; i < n; i++)
-        together &= start[i] == start[0];
-    vd whole = vd_set(0), rest = vd_set(0);
-    vi have = vd_int(vd_set(-1));
+ALWAYS_INLINE void run_shared(sim_light_fn *kernel, PARAMETERS, light_body *body) {
+    vd whole = vd_set(0), rest = vd_set(0), last_begin = vd_set(NAN), last_from = vd_set(NAN);
+    vi last_tile = vd_int(vd_set(0));
     size_t i = 0;
     for (; i + LANES <= n; i += LANES) {
-        vd at = load_position(x + i, panel->width), levels = vd_load_float(level + i);
+        vd at = load_position(x + i, panel->width), levels = vd_load_float(level + i), begin = vd_load(start + i);
         light_lanes s = {.y = load_position(y + i, panel->height), .level = vd_set(1)};
         s.tile = tile_of(panel, at, s.y);
-        bool again = vi_same(s.tile, have);
-        if (!again) {
-            whole = split(panel, channel, at, vd_load(start + i), exposure, &s);
-            rest = body(panel, channel, &s);
+        vd from = start_of(panel, channel, at, s.y);
+        if (vd_same(begin, last_begin) && vd_same(from, last_from) && vi_same(s.tile, last_tile)) {
+            vd_store_float(out + i, vd_fma(whole, levels, levels * rest) * vd_set(1 / exposure));
+            continue;
         }
+        whole = split(panel, begin, from, exposure, &s);
+        rest = body(panel, channel, &s);
         vd_store_float(out + i, vd_fma(whole, levels, levels * rest) * vd_set(1 / exposure));
-        if (together && !again)
-            have = vi_last(s.tile), whole = vd_last(whole), rest = vd_last(rest);
+        whole = vd_last(whole), rest = vd_last(rest);
+        last_begin = vd_last(begin), last_from = vd_last(from), last_tile = vi_last(s.tile);
     }
     if (i < n)
         run_rest(kernel, panel, n - i, x + i, y + i, level + i, channel, start + i, exposure, out + i);
@@ -177,7 +178,6 @@ ALWAYS_INLINE vd lcd_decay(const lcd_panel *d, int channel, const lcd_lanes *z, 
     return decay * vd_fnma(rise, decay, y);
 }
 
-/* Of level 1. */
 ALWAYS_INLINE vd lcd_body(const sim_panel *panel, int channel, const light_lanes *s, bool zones, bool decays) {
     const lcd_panel *d = &panel->d.lcd;
     const lcd_zone *zone = d->zone[channel];
@@ -216,13 +216,13 @@ ALWAYS_INLINE vd lcd_zones_decay(const sim_panel *panel, int channel, const ligh
 static void light_lcd(PARAMETERS) {
     bool decays = panel->d.lcd.decay[channel] > 0;
     if (panel->tile_start == NULL && !decays)
-        run_tiles(light_lcd, ARGUMENTS, lcd_even);
+        run_shared(light_lcd, ARGUMENTS, lcd_even);
     else if (panel->tile_start == NULL)
-        run_tiles(light_lcd, ARGUMENTS, lcd_even_decay);
+        run_shared(light_lcd, ARGUMENTS, lcd_even_decay);
     else if (!decays)
-        run_tiles(light_lcd, ARGUMENTS, lcd_zones);
+        run_shared(light_lcd, ARGUMENTS, lcd_zones);
     else
-        run_tiles(light_lcd, ARGUMENTS, lcd_zones_decay);
+        run_shared(light_lcd, ARGUMENTS, lcd_zones_decay);
 }
 
 /* ---- oled_pwm ---- */
@@ -248,11 +248,11 @@ ALWAYS_INLINE vd oled_body(const sim_panel *panel, int channel, const light_lane
         vd dip = oled_plain(d, vd_clamp(s->b, start, end)) - oled_plain(d, vd_clamp(s->a, start, end));
         sum = vd_fnma(vd_set(d->dip_depth), dip, sum);
     }
-    return s->level * vd_set(d->norm) * sum;
+    return vd_set(d->norm) * sum;
 }
 
 static void light_oled(PARAMETERS) {
-    run(light_oled, ARGUMENTS, oled_body);
+    run_shared(light_oled, ARGUMENTS, oled_body);
 }
 
 /* ---- led_spwm ---- */
