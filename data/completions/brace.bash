@@ -10,12 +10,12 @@ _brace()
     local raw='@(dng|DNG|3fr|3FR|arw|ARW|cr2|CR2|cr3|CR3|crw|CRW|nef|NEF|nrw|NRW|orf|ORF|pef|PEF|raf|RAF|raw|RAW|rw2|RW2|rwl|RWL|srw|SRW)'
 
     if [[ $COMP_CWORD -eq 1 ]]; then
-        mapfile -t COMPREPLY < <(compgen -W 'restore info simulate dataset help --help --version' -- "$cur")
+        mapfile -t COMPREPLY < <(compgen -W 'restore info simulate dataset bench help --help --version' -- "$cur")
         return
     fi
     command=${COMP_WORDS[1]}
     if [[ $command == help ]]; then
-        mapfile -t COMPREPLY < <(compgen -W 'restore info simulate dataset' -- "$cur")
+        mapfile -t COMPREPLY < <(compgen -W 'restore info simulate dataset bench' -- "$cur")
         return
     fi
 
@@ -44,6 +44,18 @@ _brace()
         else
             compopt -o filenames
             mapfile -t COMPREPLY < <(compgen -d -- "$cur")
+        fi
+        return
+    fi
+
+    if [[ $command == bench ]]; then
+        if [[ $COMP_CWORD -eq 2 ]]; then
+            mapfile -t COMPREPLY < <(compgen -W 'sim --help' -- "$cur")
+        elif [[ $cur == -* ]]; then
+            mapfile -t COMPREPLY < <(compgen -W '--display --camera --size --hand --quick --json --quiet --help' -- "$cur")
+        else
+            compopt -o filenames
+            mapfile -t COMPREPLY < <(compgen -f -- "$cur")
         fi
         return
     fi

@@ -14,6 +14,7 @@ static const cli_command commands[] = {
     {"info", "what the RAW files of a bracket say about themselves", cli_info},
     {"simulate", "photographs of a display: a screenshot in, a bracket of RAW frames out", cli_simulate},
     {"dataset", "training sets: build, pack, verify, info, import", cli_dataset},
+    {"bench", "how fast BRACE is on this computer", cli_bench},
 };
 enum { COMMANDS = sizeof commands / sizeof commands[0] };
 
