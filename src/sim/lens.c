@@ -17,7 +17,7 @@
 #include "sim/rows.h"
 
 /* Discs of a smaller radius look like a Gaussian of the same deviation. */
-static const double visible_disc = 1.5;
+static const double visible_disc = 2.5;
 
 sim_blur sim_blur_of(const sim_scene *s) {
     sim_blur b = {.rays = s->supersample, .taps = 1};

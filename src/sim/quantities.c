@@ -47,7 +47,7 @@ const sim_quantity sim_quantities[] = {
      "at most so many poses in one exposure; 1: no motion blur"},
     {"supersample", SIM_INTEGER, AT(supersample), 1, 4, ray_counts, "", NULL, true, "rays along each axis of a pixel"},
     {"distortion_k1", SIM_REAL, AT(distortion[0]), -0.5, 0.5, NULL, "", "distortion", true,
-     "Brown-Conrady, at half the picture's width"},
+     "Brown-Conrady, lengths in widths of the picture"},
     {"distortion_k2", SIM_REAL, AT(distortion[1]), -0.5, 0.5, NULL, "", "distortion", true, "likewise, fourth order"},
     {"psf", SIM_REAL, AT(psf), 0, 10, NULL, "pixels", "psf", true, "the lens's blur, deviation of a Gaussian"},
     {"defocus", SIM_REAL, AT(defocus), 0, 20, NULL, "pixels", "defocus", true,
