@@ -84,7 +84,7 @@ static void check_range(verifier *v, const char *sample, const char *name, const
     }
     if (above > 0) {
         tell(v, sample, "%s: %zu pixels are above its white level of %g", name, above, (double)f->white);
-    } else if (low == high && (float)low < f->white && strcmp(name, "gt.dng") != 0) {
+    } else if (low == high && (float)low < f->white && strncmp(name, "gt", 2) != 0) {
         /* A bright page may clip whole, and only the truth has no noise. */
         tell(v, sample, "%s: all pixels have the value %u", name, low);
     }
@@ -107,9 +107,14 @@ static void check_bracket(verifier *v, const char *sample, dataset_loaded *s, co
             break;
         }
     }
-    double a = reference->exposure_time * reference->iso, b = s->truth->exposure_time * s->truth->iso;
-    if (a > 0 && b > 0 && fabs(log2(b / a)) > 0.1) {
-        tell(v, sample, "gt.dng has %+.1f stops more exposure than the reference frame", log2(b / a));
+    const double a = reference->exposure_time * reference->iso;
+    for (int i = 0; i < 2; i++) {
+        const brace_frame *truth = i == 0 ? s->truth : s->exact;
+        const double b = truth != NULL ? truth->exposure_time * truth->iso : 0;
+        if (a > 0 && b > 0 && fabs(log2(b / a)) > 0.1) {
+            tell(v, sample, "%s has %+.1f stops more exposure than the reference frame",
+                 i == 0 ? "gt.dng" : "gt_exact.dng", log2(b / a));
+        }
     }
     brace_bracket_destroy(bracket);
 }
@@ -137,6 +142,9 @@ static brace_status verify_sample(verifier *v, const dataset_sample *sample, con
         check_range(v, sample->name, name, s.frames[i]);
     }
     check_range(v, sample->name, "gt.dng", s.truth);
+    if (s.exact != NULL) {
+        check_range(v, sample->name, "gt_exact.dng", s.exact);
+    }
     check_bracket(v, sample->name, &s, job);
     dataset_loaded_free(&s);
     v->out->bad += v->bad;
