@@ -20,7 +20,8 @@
 static const double visible_disc = 2.5;
 
 sim_blur sim_blur_of(const sim_scene *s) {
-    sim_blur b = {.rays = s->supersample, .taps = 1};
+    const int grid = s->supersample, rays = grid * grid;
+    sim_blur b = {.rays = grid, .taps = 1};
     const double g2 = b.rays * b.rays, r = s->defocus, disc = r * r / 4; /* a disc's variance along an axis */
     double variance = s->psf * s->psf, each = 0;
     if (r < visible_disc) {
@@ -28,19 +29,24 @@ sim_blur sim_blur_of(const sim_scene *s) {
     } else {
         /* Taps on a spiral of equal density (Vogel 1979), each as wide as half the way to the next one, so that
          * the whole has the variance of the disc. */
-        b.taps = r < 4 ? 8 : 16;
-        const double radius = r / sqrt(1 + 3.141592653589793 / b.taps);
+        const int taps = rays > 1 ? rays : r < 4 ? 8 : 16;
+        const double radius = r / sqrt(1 + 3.141592653589793 / taps);
         each = disc - radius * radius / 4;
-        for (int i = 0; i < b.taps; i++) {
-            const double rho = radius * sqrt((i + 0.5) / b.taps), phi = 2.399963229728653 * i;
-            b.tap[i][0] = rho * cos(phi), b.tap[i][1] = rho * sin(phi);
+        for (int i = 0; i < taps; i++) {
+            const double rho = radius * sqrt((i + 0.5) / taps), phi = 2.399963229728653 * i;
+            double *at = rays > 1 ? b.ray[i] : b.tap[i]; /* several rays are the taps */
+            at[0] = rho * cos(phi), at[1] = rho * sin(phi);
         }
+        b.taps = rays > 1 ? 1 : taps;
     }
     /* Rays spread evenly over a square have the variance spread^2 (1 - 1/rays^2)/12, and each looks at a footprint of
      * spread/rays whose lookup (bilinear, of box means) has 1/4 of that squared. With one ray the pixel and its lookup
      * have 1/4, to which the blur is added; with more, as much less as they sample the pixel better. */
     const double square = 1 + 12 * variance / (1 + 2 / g2);
-    b.spread = sqrt(square);
+    for (int i = 0; i < rays; i++) {
+        b.ray[i][0] += sqrt(square) * ((0.5 + i % grid) / grid - 0.5);
+        b.ray[i][1] += sqrt(square) * ((0.5 + i / grid) / grid - 0.5);
+    }
     b.extra = (square - 1) / g2 + 4 * each;
     const double ramp = 1 + 12 * (s->psf * s->psf + disc) - square * (1 - 1 / g2);
     b.ramp = sqrt(fmax(ramp, 1 / g2));
@@ -82,7 +88,7 @@ void sim_glare_prepare(sim_render_job *job, sim_row *row, double t) {
     sim_light few = {COLUMNS, ROWS, {NULL, NULL, NULL}};
     sim_render_job look = *job;
     look.out = &few;
-    look.blur = (sim_blur){.rays = 1, .spread = 1, .ramp = 1, .taps = 1};
+    look.blur = (sim_blur){.rays = 1, .ramp = 1, .taps = 1};
     sim_scene_map(map, job->scene, t, job->reference_middle);
     int rank[GLARE_BLOCKS];
     for (int b = 0; b < GLARE_BLOCKS; b++)

@@ -52,10 +52,10 @@ static void render_rows(void *arg, size_t begin, size_t end, int worker) {
             for (size_t x = 0; x < n; x++)
                 row->start[x] = a;
             for (int g = 0; g < grid * grid; g++) {
-                /* A ray's place in the square that the pixel sees; in x all rays of the row are shifted. */
-                double v = (double)y + 0.5 + job->blur.spread * ((0.5 + g / grid) / grid - 0.5), shifted[9];
+                /* In x all rays of the row are shifted. */
+                const double *ray = job->blur.ray[g], u = ray[0] / (double)n, v = (double)y + 0.5 + ray[1];
+                double shifted[9];
                 memcpy(shifted, map, sizeof map);
-                double u = job->blur.spread * ((0.5 + g % grid) / grid - 0.5) / (double)n;
                 for (int i = 0; i < 3; i++)
                     shifted[3 * i + 2] += shifted[3 * i] * u;
                 job->loops->look(job, row, shifted, (v - 0.5 * job->out->height) / (double)n);

@@ -17,11 +17,11 @@ typedef struct sim_rows sim_rows;
 
 /* How far a pixel sees. Lengths in pixels of the picture. */
 typedef struct sim_blur {
-    double rays;   /* along each axis of a pixel */
-    double spread; /* side of the square over which they are spread */
-    double extra;  /* four times the variance that each lookup adds to its footprint's own */
-    double ramp;   /* width over which the screen's edge fades */
-    int taps;      /* lookups that make up a disc; 1: one in its middle */
+    double rays;       /* along each axis of a pixel */
+    double ray[16][2]; /* where they go, from the pixel's middle */
+    double extra;      /* four times the variance that each lookup adds to its footprint's own */
+    double ramp;       /* width over which the screen's edge fades */
+    int taps;          /* lookups of a ray that make up a disc; 1: one in its middle */
     double tap[16][2];
 } sim_blur;
 

@@ -355,6 +355,7 @@ static void test_blur_is_that_of_the_lens(void **state) {
     blur_equals_brute_force(2.5, 0, 1, 0.04);
     blur_equals_brute_force(2.5, 0, 2, 0.02);
     blur_equals_brute_force(0, 5, 1, 0.02);
+    blur_equals_brute_force(0, 5, 4, 0.02);
 }
 
 /* Half of the screen is white: the lens carries its light onto the dark half, with the time of each row. */
