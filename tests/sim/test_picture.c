@@ -279,7 +279,6 @@ static void test_whole_periods(void **state) {
         {"{\"driver\": \"bcm\", \"refresh\": 300, \"bits\": 6, \"order\": [0,1,2,3,4,5], \"scan\": 8}", 1.0 / 300},
         {"{\"driver\": \"raster\", \"refresh\": 85, \"decay\": [1e-3, 6e-5, 5e-5]}", 1.0 / 85},
     };
-    static const double unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
     const double level[3] = {0.61, 0.34, 0.052};
     brace_image *image = flat(SIDE, level[0], level[1], level[2]);
     sim_texture texture;
@@ -297,7 +296,8 @@ static void test_whole_periods(void **state) {
         static const double periods[] = {1, 2, 5, 1.5};
         for (int k = 0; k < 4; k++) {
             sim_scene scene = plain_scene(periods[k] * cases[i].period, 1);
-            assert_int_equal(sim_render(&light, &scene, &camera, &texture, panel, 1, unit, pool, NULL), BRACE_OK);
+            const sim_stage stage = {&scene, &camera, &texture, NULL, panel, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+            assert_int_equal(sim_render(&light, &stage, 1, pool, NULL), BRACE_OK);
             double worst = 0;
             for (int c = 0; c < 3; c++)
                 for (size_t p = 0; p < ROWS * COLUMNS; p++)
