@@ -217,8 +217,13 @@ static brace_status bench_display(sim_bench *b, const char *name, bench_row *row
             sim_panel_create(&b->panel, display, b->texture.level[0].rgb, b->texture.width, b->texture.height, error);
     if (status == BRACE_OK) {
         static const char *const kinds[] = {
-            [SIM_DC] = "dc",         [SIM_LCD_PWM] = "lcd_pwm", [SIM_OLED_PWM] = "oled_pwm", [SIM_LED_SPWM] = "led_spwm",
-            [SIM_BCM] = "bcm",       [SIM_RASTER] = "raster"};
+            [SIM_DC] = "dc",
+            [SIM_LCD_PWM] = "lcd_pwm",
+            [SIM_OLED_PWM] = "oled_pwm",
+            [SIM_LED_SPWM] = "led_spwm",
+            [SIM_BCM] = "bcm",
+            [SIM_RASTER] = "raster",
+        };
         snprintf(row->display, sizeof row->display, "%s", sim_display_name(display));
         snprintf(row->driver, sizeof row->driver, "%s", kinds[sim_display_kind(display)]);
         status = bench_light(b, row, error);
