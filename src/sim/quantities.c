@@ -138,8 +138,8 @@ bool sim_quantity_takes(const sim_quantity *q, double value) {
 static brace_status refuse(const sim_quantity *q, const char *value, brace_error *error) {
     char range[64];
     sim_quantity_range(range, sizeof range, q);
-    return core_fail(error, BRACE_ERROR_ARGUMENT, "%s: %.40s is out of range %s%s%s%s", q->name, value, range, q->unit[0] != '\0' ? " " : "", q->unit,
-                     q->type == SIM_REAL ? "" : " (whole numbers)");
+    return core_fail(error, BRACE_ERROR_ARGUMENT, "%s: %.40s is out of range %s%s%s%s", q->name, value, range,
+                     q->unit[0] != '\0' ? " " : "", q->unit, q->type == SIM_REAL ? "" : " (whole numbers)");
 }
 
 brace_status sim_scene_check(const sim_scene *s, brace_error *error) {
