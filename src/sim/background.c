@@ -31,6 +31,22 @@ static float wall(const float grid[GRID][GRID], double x, double y) {
     return top + t * (low - top);
 }
 
+static void paint(float *rgb, const thing *t) {
+    const double reach = 0.5 * hypot(t->width, t->height);
+    const int left = (int)fmax((t->x - reach) * SIDE - 1, 0), right = (int)fmin((t->x + reach) * SIDE + 1, SIDE - 1);
+    const int top = (int)fmax((t->y - reach) * SIDE - 1, 0), low = (int)fmin((t->y + reach) * SIDE + 1, SIDE - 1);
+    for (int j = top; j <= low; j++)
+        for (int i = left; i <= right; i++) {
+            const double dx = (i + 0.5) / SIDE - t->x, dy = (j + 0.5) / SIDE - t->y;
+            /* How far inside, in texels: edges run over one of them. */
+            const double in = SIDE * fmin(t->width / 2 - fabs(dx * t->turn_x + dy * t->turn_y),
+                                          t->height / 2 - fabs(dy * t->turn_x - dx * t->turn_y));
+            const float cover = (float)fmin(fmax(in + 0.5, 0), 1);
+            for (int c = 0; c < 3 && cover > 0; c++)
+                rgb[3 * (j * SIDE + i) + c] += cover * (t->color[c] - rgb[3 * (j * SIDE + i) + c]);
+        }
+}
+
 brace_status sim_background_create(sim_texture *out, const sim_scene *scene, brace_error *error) {
     brace_status status = sim_texture_begin(out, SIDE, SIDE, error);
     if (status != BRACE_OK)
@@ -52,29 +68,20 @@ brace_status sim_background_create(sim_texture *out, const sim_scene *scene, bra
                             .turn_y = sin(turn)};
         color(things[k].color, &r, 0.1, 4);
     }
-    double sum = 0;
     float *rgb = out->level[0].rgb;
+    for (int i = 0; i < 3 * SIDE * SIDE; i++)
+        rgb[i] = tint[i % 3];
+    for (int k = 0; k < THINGS; k++)
+        paint(rgb, &things[k]);
+    double sum = 0;
     for (int j = 0; j < SIDE; j++)
-        for (int i = 0; i < SIDE; i++, rgb += 3) {
-            const double x = (i + 0.5) / SIDE, y = (j + 0.5) / SIDE;
-            const float shade = 0.7f * wall(grid, x * (GRID - 1) / 4, y * (GRID - 1) / 4) +
-                                0.3f * wall(grid, x * (GRID - 1), y * (GRID - 1));
-            float paint[3] = {tint[0], tint[1], tint[2]};
-            for (int k = 0; k < THINGS; k++) {
-                const thing *t = &things[k];
-                const double dx = x - t->x, dy = y - t->y;
-                /* How far inside, in texels: edges run over one of them. */
-                const double in = SIDE * fmin(t->width / 2 - fabs(dx * t->turn_x + dy * t->turn_y),
-                                              t->height / 2 - fabs(dy * t->turn_x - dx * t->turn_y));
-                const float cover = (float)fmin(fmax(in + 0.5, 0), 1);
-                for (int c = 0; c < 3 && cover > 0; c++)
-                    paint[c] += cover * (t->color[c] - paint[c]);
-            }
+        for (int i = 0; i < SIDE; i++) {
+            const double x = (i + 0.5) / SIDE * (GRID - 1), y = (j + 0.5) / SIDE * (GRID - 1);
+            const float shade = 0.7f * wall(grid, x / 4, y / 4) + 0.3f * wall(grid, x, y);
             for (int c = 0; c < 3; c++)
-                sum += rgb[c] = shade * paint[c];
+                sum += rgb[3 * (j * SIDE + i) + c] *= shade;
         }
     const float scale = (float)(3.0 * SIDE * SIDE / sum);
-    rgb = out->level[0].rgb;
     for (int i = 0; i < 3 * SIDE * SIDE; i++)
         rgb[i] *= scale;
     sim_texture_finish(out);

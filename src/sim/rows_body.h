@@ -333,35 +333,41 @@ static void normal_line(float *out, size_t n, const uint32_t key[2], uint32_t y,
  * the deviation 1; together they are cut two above the mean, where the gain is 1. */
 static void panel_rows(void *arg, size_t begin, size_t end, int worker) {
     (void)worker;
+    enum { PIXELS = PIECE / 3 }; /* whole pixels of a draw */
     const sim_panel_job *job = arg;
-    const uint32_t width = job->texture->width, height = job->texture->height;
+    const uint32_t width = job->texture->width;
     const float strength = (float)job->scene->panel_nonuniformity, half = 0.70710678f;
-    const float across = (float)(FIELD_COLUMNS - 1) / (float)width, along = (float)(FIELD_ROWS - 1) / (float)height;
+    const float across = (float)(FIELD_COLUMNS - 1) / (float)width;
+    const float along = (float)(FIELD_ROWS - 1) / (float)job->texture->height;
     for (size_t y = begin; y < end; y++) {
-        const float fy = ((float)y + 0.5f) * along, cell_y = floorf(fy), v = fy - cell_y, t = v * v * (3 - 2 * v);
-        const float(*top)[3] = job->field + (size_t)cell_y * FIELD_COLUMNS, (*low)[3] = top + FIELD_COLUMNS;
-        float *rgb = job->texture->level[0].rgb + 3 * y * width;
-        for (uint32_t x0 = 0; x0 < 3 * width; x0 += PIECE) {
-            const int n = 3 * width - x0 < PIECE ? (int)(3 * width - x0) : PIECE;
+        const float fy = ((float)y + 0.5f) * along, v = fy - floorf(fy), t = v * v * (3 - 2 * v);
+        const float(*top)[3] = job->field + (size_t)fy * FIELD_COLUMNS, (*low)[3] = top + FIELD_COLUMNS;
+        float field[FIELD_COLUMNS][3];
+        for (int i = 0; i < FIELD_COLUMNS; i++)
+            for (int c = 0; c < 3; c++)
+                field[i][c] = half * (top[i][c] + t * (low[i][c] - top[i][c])) - 2;
+        for (uint32_t x0 = 0; x0 < width; x0 += PIXELS) {
+            const uint32_t n = width - x0 < PIXELS ? width - x0 : PIXELS;
             uint32_t words[4][QUADS];
-            float own[PIECE];
-            draw(words, job->key, x0, (uint32_t)y, job->scene->sample, PANEL_GAINS);
-            for (int i = 0; i < QUADS; i++)
-                for (int k = 0; k < 4; k++) {
+            float own[PIECE], smooth[PIECE];
+            draw(words, job->key, x0 / PIXELS * PIECE, (uint32_t)y, job->scene->sample, PANEL_GAINS);
+            for (int k = 0; k < 4; k++) /* which subpixel has which number does not matter */
+                for (int i = 0; i < QUADS; i++) {
                     const uint32_t u = words[k][i];
                     const int32_t sum = (int32_t)((u & 255) + (u >> 8 & 255) + (u >> 16 & 255) + (u >> 24));
-                    own[4 * i + k] = (float)(sum - 510) * (1 / 147.8f);
+                    own[QUADS * k + i] = (float)(sum - 510) * (half / 147.8f);
                 }
-            for (int i = 0; i < n; i++) {
-                const uint32_t x = (x0 + (uint32_t)i) / 3, c = (x0 + (uint32_t)i) % 3;
-                const float fx = ((float)x + 0.5f) * across;
-                const uint32_t cell = (uint32_t)fx;
+            for (uint32_t p = 0; p < n; p++) {
+                const float fx = ((float)(int32_t)(x0 + p) + 0.5f) * across;
+                const int32_t cell = (int32_t)fx;
                 const float u = fx - (float)cell, s = u * u * (3 - 2 * u);
-                const float a = top[cell][c] + s * (top[cell + 1][c] - top[cell][c]);
-                const float b = low[cell][c] + s * (low[cell + 1][c] - low[cell][c]);
-                const float deviation = smaller(half * (a + t * (b - a) + own[i]), 2);
-                rgb[x0 + (uint32_t)i] *= larger(1 + strength * (deviation - 2), 0);
+                const float *a = field[cell], *b = field[cell + 1];
+                for (int c = 0; c < 3; c++)
+                    smooth[3 * p + (uint32_t)c] = a[c] + s * (b[c] - a[c]);
             }
+            float *restrict rgb = job->texture->level[0].rgb + 3 * (y * width + x0);
+            for (uint32_t i = 0; i < 3 * n; i++)
+                rgb[i] *= larger(1 + strength * smaller(smooth[i] + own[i], 0), 0);
         }
     }
 }

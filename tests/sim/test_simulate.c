@@ -504,6 +504,12 @@ static void test_every_effect_has_a_switch(void **state) {
     assert_int_equal(sim_scene_off(&off, "all", &error), BRACE_OK);
     sim_capture c = capture(image, light, &off, 1);
     assert_true(alike(&a, &c));
+    /* Beside a field's photograph lies the truth that there would be otherwise. */
+    plain.field = false;
+    sim_capture studio = capture(image, light, &plain, 1);
+    assert_null(studio.exact);
+    assert_memory_equal(studio.truth->data, a.exact->data, 96 * 72 * sizeof(uint16_t));
+    sim_capture_free(&studio);
     assert_int_equal(sim_scene_off(&off, "noise,blur", &error), BRACE_ERROR_ARGUMENT);
     assert_non_null(strstr(error.message, "\"blur\" is no effect; there are "));
     assert_non_null(strstr(error.message, "vignetting"));
