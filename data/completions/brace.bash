@@ -21,8 +21,14 @@ _brace()
 
     if [[ $command == simulate ]]; then
         if [[ $cur == -* ]]; then
-            mapfile -t COMPREPLY < <(compgen -W '--output --sheet --explain --display --camera --size --count --seed --time
-                --iso --level --distance --field --no-noise --no-tremor --no-lens --threads --quiet --help' -- "$cur")
+            mapfile -t COMPREPLY < <(compgen -W '--output --sheet --explain --list --display --camera --size --count --seed
+                --time --iso --level --distance --set --off --scene --field --threads --quiet --help' -- "$cur")
+        elif [[ ${COMP_WORDS[COMP_CWORD - 1]} == --off ]]; then
+            mapfile -t COMPREPLY < <(compgen -W 'pose tremor distortion psf defocus glare vignetting ambient clutter
+                nonuniformity noise all' -- "$cur")
+        elif [[ ${COMP_WORDS[COMP_CWORD - 1]} == --set ]]; then
+            compopt -o nospace
+            mapfile -t COMPREPLY < <(compgen -S = -W "$(brace simulate --list 2>/dev/null | awk 'seen { print $1 } $1 == "NAME" { seen = 1 }')" -- "$cur")
         else
             compopt -o filenames
             mapfile -t COMPREPLY < <(compgen -f -- "$cur")

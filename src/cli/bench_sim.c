@@ -21,7 +21,7 @@ static const char command[] = "bench sim";
 static const char *const usual[] = {"steady",           "monitor_lcd_240", "monitor_miniled_480", "phone_oled_120_480",
                                     "led_wall_3840_16", "hub75_300",       "crt_60"};
 
-enum { STAGES = 3 };
+enum { STAGES = 2 };
 
 /* What was measured of a display; rates in megapixel-frames a second. */
 typedef struct bench_row {
@@ -154,7 +154,7 @@ typedef struct frame_run {
     const sim_bench *bench;
     sim_light *light;
     brace_frame *const *frames;
-    const double *to_camera;
+    const sim_stage *scenery;
     double stage[STAGES]; /* seconds, of all runs */
     brace_status status;
     brace_error *error;
@@ -165,15 +165,11 @@ static void run_frames(void *arg) {
     const sim_bench *b = run->bench;
     for (int i = 0; i < b->scene.frames && run->status == BRACE_OK; i++) {
         double at[STAGES + 1] = {bench_seconds()};
-        run->status = sim_render(run->light, &b->scene, &b->camera, &b->texture, b->panel, i, run->to_camera, NULL,
-                                 run->error);
+        run->status = sim_render(run->light, run->scenery, i, NULL, run->error);
         at[1] = bench_seconds();
         if (run->status == BRACE_OK)
-            run->status = sim_degrade(run->light, &b->scene, NULL, run->error);
+            run->status = sim_expose(run->frames[i], run->light, &b->scene, i, NULL, run->error);
         at[2] = bench_seconds();
-        if (run->status == BRACE_OK)
-            sim_expose(run->frames[i], run->light, &b->scene, i, NULL);
-        at[3] = bench_seconds();
         for (int k = 0; k < STAGES; k++)
             run->stage[k] += at[k + 1] - at[k];
     }
@@ -183,7 +179,7 @@ static brace_status bench_frames(const sim_bench *b, const sim_display *display,
     const brace_job one = {.threads = 1, .cancel = b->job->cancel};
     sim_light light = {0};
     sim_capture capture; /* its frames are what is exposed over and over */
-    double to_camera[9] = {0};
+    sim_stage stage = {.scene = &b->scene, .camera = &b->camera, .texture = &b->texture, .panel = b->panel};
     brace_color color;
     brace_status status = sim_capture_create(&capture, b->screen, display, &b->camera, &b->scene, &one, error);
     if (status == BRACE_OK)
@@ -191,17 +187,17 @@ static brace_status bench_frames(const sim_bench *b, const sim_display *display,
     if (status == BRACE_OK)
         status = brace_color_init(&color, capture.frame[0], error);
     for (int k = 0; k < 9 && status == BRACE_OK; k++)
-        to_camera[k] = color.srgb_to_camera[k] / color.wb[k / 3];
+        stage.to_camera[k] = color.srgb_to_camera[k] / color.wb[k / 3];
     for (int s = 0; s < BENCH_SETS && status == BRACE_OK; s++) {
         row->frame[s] = NAN;
         if (!b->sets[s].there || (status = core_check_cancel(b->job, error)) != BRACE_OK)
             continue;
-        frame_run run = {b, &light, capture.frame, to_camera, {0}, BRACE_OK, error};
+        frame_run run = {b, &light, capture.frame, &stage, {0}, BRACE_OK, error};
         bench_use(&b->sets[s]);
         const double seconds = bench_measure(run_frames, &run, 2 * b->seconds, b->least);
         row->frame[s] = 1e-6 * (double)b->scene.width * b->scene.height * b->scene.frames / seconds;
         for (int k = 0; k < STAGES; k++)
-            row->share[k] = run.stage[k] / (run.stage[0] + run.stage[1] + run.stage[2]);
+            row->share[k] = run.stage[k] / (run.stage[0] + run.stage[1]);
         status = run.status;
     }
     sim_light_free(&light);
@@ -221,8 +217,13 @@ static brace_status bench_display(sim_bench *b, const char *name, bench_row *row
             sim_panel_create(&b->panel, display, b->texture.level[0].rgb, b->texture.width, b->texture.height, error);
     if (status == BRACE_OK) {
         static const char *const kinds[] = {
-            [SIM_DC] = "dc",         [SIM_LCD_PWM] = "lcd_pwm", [SIM_OLED_PWM] = "oled_pwm", [SIM_LED_SPWM] = "led_spwm",
-            [SIM_BCM] = "bcm",       [SIM_RASTER] = "raster"};
+            [SIM_DC] = "dc",
+            [SIM_LCD_PWM] = "lcd_pwm",
+            [SIM_OLED_PWM] = "oled_pwm",
+            [SIM_LED_SPWM] = "led_spwm",
+            [SIM_BCM] = "bcm",
+            [SIM_RASTER] = "raster",
+        };
         snprintf(row->display, sizeof row->display, "%s", sim_display_name(display));
         snprintf(row->driver, sizeof row->driver, "%s", kinds[sim_display_kind(display)]);
         status = bench_light(b, row, error);
@@ -257,7 +258,7 @@ static brace_status bench_all(sim_bench *b, const char *camera, const char *cons
 
 /* ---- what comes out ---- */
 
-static const char *const stages[STAGES] = {"light", "lens", "sensor"};
+static const char *const stages[STAGES] = {"light", "sensor"};
 
 /* A float plane for each colour is written once and read once at the least, and the mosaic is written. */
 static double copy_bound(double rate) {
@@ -321,13 +322,12 @@ static void print_tables(const sim_bench *b, const bench_row *rows, size_t count
     }
     printf("\n");
     print_heading("Whole frames", b);
-    printf("    %5s %5s %6s\n", stages[0], stages[1], stages[2]);
+    printf("    %5s %6s\n", stages[0], stages[1]);
     for (size_t i = 0; i < count; i++) {
         printf("%-9s %-22s", rows[i].driver, rows[i].display);
         for (int s = 0; s < BENCH_SETS; s++)
             print_cell(rows[i].frame[s], " %9.1f");
-        printf("    %4.0f%% %4.0f%% %5.0f%%\n", 100 * rows[i].share[0], 100 * rows[i].share[1],
-               100 * rows[i].share[2]);
+        printf("    %4.0f%% %5.0f%%\n", 100 * rows[i].share[0], 100 * rows[i].share[1]);
     }
     if (rate > 0)
         printf("\nIf only memory limited: %.0f. memcpy copies %.1f GB/s here, and a frame's light is written and read\n"
@@ -408,7 +408,7 @@ int bench_sim(int argc, char **argv) {
         "Measures the simulator on one core: megapixel-frames a second for displays of each\n"
         "driver, plain C beside the instruction sets of this processor. First the light of\n"
         "the display alone, and how far the results are off those of plain C, in units of\n"
-        "white. Then whole frames: texture, light, lens, noise and mosaic, with the shares\n"
+        "white. Then whole frames: texture, lens, light, noise and mosaic, with the shares\n"
         "of the time. Medians of CPU time; BRACE_CPU leaves instruction sets out.",
         options,
         "Examples:\n"

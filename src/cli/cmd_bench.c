@@ -81,8 +81,8 @@ double bench_copy_rate(void) {
 
 void bench_sets(bench_set sets[BENCH_SETS]) {
     const core_cpu have = core_cpu_features();
-    sets[0] = (bench_set){"plain", "plain C", true, {false, false, false}};
-    sets[1] = (bench_set){"avx2", "AVX2", have.avx2, {true, false, have.f16c}};
+    sets[0] = (bench_set){"plain", "plain C", true, {.sha = false}};
+    sets[1] = (bench_set){"avx2", "AVX2", have.avx2, {.avx2 = true, .f16c = have.f16c}};
     sets[2] = (bench_set){"avx512", "AVX-512", have.avx512, have};
 }
 

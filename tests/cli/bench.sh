@@ -15,7 +15,7 @@ run 2 bench sim --size 64; says "not '64'"
 run 2 bench sim --size 64x48x; says '--size'
 run 2 bench sim --size 0x48; says '--size'
 run 2 bench sim --fast; says 'no option --fast'
-run 1 bench sim --quick -q --size 16x16; says '16x16'
+run 1 bench sim --quick -q --size 16x16; says '16 is out of range 32'
 run 1 bench sim --quick -q --display plasma; says 'plasma'; says 'led_wall_3840_16'
 run 1 bench sim --quick -q --camera box; says 'box'
 run 1 bench sim --quick -q --json --display plasma; prints '"error"'

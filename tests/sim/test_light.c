@@ -56,6 +56,18 @@ static void fill(core_random *r, const sim_panel *p, size_t n) {
     }
 }
 
+/* As in a frame: samples that start together and go along a row of the screen, often several to a pixel or zone,
+ * with a neighbour here and there. */
+static void fill_row(core_random *r, const sim_panel *p, size_t n) {
+    const double step = core_random_range(r, 0.01, 2), slope = core_random_range(r, -0.02, 0.02);
+    const uint32_t first = core_random_below(r, p->width), y = core_random_below(r, p->height);
+    for (size_t i = 0; i < n; i++) {
+        xs[i] = (int32_t)(first + step * (double)i) % (int32_t)p->width + (core_random_below(r, 50) == 0);
+        ys[i] = (int32_t)(y + slope * (double)i);
+        starts[i] = starts[0];
+    }
+}
+
 static void guard(float *out, size_t n, bool check) {
     const float canary = 12345.0f;
     for (size_t i = 0; i < GUARD; i++) {
@@ -111,9 +123,11 @@ static void check_kernels(const sim_panel *p, core_random *r) {
 #endif
     (void)cpu;
     static const size_t sizes[] = {0, 1, 3, 4, 7, 8, 9, 31, 1000, MOST};
-    for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
-        size_t n = sizes[s];
+    for (size_t s = 0; s < 2 * sizeof sizes / sizeof *sizes; s++) {
+        size_t n = sizes[s / 2];
         fill(r, p, n);
+        if (s % 2 == 1)
+            fill_row(r, p, n);
         int channel = (int)core_random_below(r, 3);
         double exposure = test_log_range(r, 4e-6, 1);
         for (int k = 0; k < 2; k++)
