@@ -203,7 +203,7 @@ typedef struct brace_banding {
     double spread;     /* largest relative deviation of a believed frame from it */
     double frequency_error;      /* expected relative error, one standard deviation, the spread considered */
     double frequency_confidence; /* that it is within 1 % of the light's, but for aliases and scanned rows; 0 to 1 */
-    /* With a readout: */
+    /* With a readout; shutter times only if the confidence is at least 1/2: */
     double readout;
     double hz;      /* frequency / row time, if all rows of the display are lit together */
     double base_hz; /* the light repeats only after several of these periods (refresh): that frequency; else hz */

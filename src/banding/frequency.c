@@ -18,15 +18,16 @@ static double sinc(double x) {
     return fabs(x) < 1e-9 ? 1 : sin(M_PI * x) / (M_PI * x);
 }
 
-double banding_confidence(const banding_line *line, const banding_profile *profile) {
-    if (!line->found)
-        return 0;
-    /* Logistic in the logarithms of depth, of standing out and of the share explained (docs/banding.md). */
-    const double depth = log(fmax(line->amplitude, 1e-5)), stand = log(fmax(line->ratio, 1e-3));
-    const double share = log(fmax(line->share, 1e-3) / fmax(1 - line->share, 1e-3));
-    const double x = profile->steps ? 0.9 * (depth + 2.6) + 0.5 * (stand - 4.5) + 0.8 * share
-                                    : 1.2 * (depth + 4.0) + 0.5 * (stand - 4.0) + 0.8 * (share + 1);
-    return 1 / (1 + exp(-x));
+/* Logistic in logarithms; weights fitted to simulated captures of flickering and steady displays (docs/banding.md). */
+double banding_confidence(const brace_banding_frame *f) {
+    const double contrast = log(fmax(f->contrast, 3e-3)), prominence = log(fmax(f->prominence, 1));
+    if (!f->compared) {
+        const double share = log(fmax(f->share, 1e-3) / fmax(1 - f->share, 1e-3));
+        const double x = 0.9 * (contrast + 2.6) + 0.5 * (prominence - 4.5) + 0.8 * share;
+        return f->frequency > 0 ? 1 / (1 + exp(-x)) : 0;
+    }
+    const double uneven = log(fmax(f->uneven, 1e-3)), clear = uneven - log(fmax(f->row_noise, 1e-3));
+    return 1 / (1 + exp(-(1.7 + 1.2 * contrast + 1.05 * prominence + 1.5 * uneven + 0.7 * clear)));
 }
 
 double banding_frequency_confidence(const brace_banding *b, const brace_banding_frame *best, uint32_t height) {
@@ -40,10 +41,7 @@ double banding_frequency_confidence(const brace_banding *b, const brace_banding_
 void banding_frame_fill(brace_banding_frame *out, const banding_line *line, const banding_profile *profile) {
     out->compared = !profile->steps;
     out->told = profile->covered;
-    double noise;
-    banding_profile_evenness(profile, &out->uneven, &noise);
-    out->row_noise = noise;
-    out->confidence = banding_confidence(line, profile);
+    banding_profile_evenness(profile, &out->uneven, &out->row_noise);
     if (!line->found)
         return;
     const double fy = 0.5 * line->frequency, fx = 0.5 * line->slant;

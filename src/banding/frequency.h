@@ -8,8 +8,8 @@
 /* One frame's fields from its line (profile lines are in packed pixels). */
 void banding_frame_fill(brace_banding_frame *out, const banding_line *line, const banding_profile *profile);
 
-/* How far to believe in a line, 0 to 1. */
-double banding_confidence(const banding_line *line, const banding_profile *profile);
+/* How far to believe that a frame bands, from its other fields; 0 to 1. */
+double banding_confidence(const brace_banding_frame *frame);
 
 /* That the bracket's frequency is right; `best` is the frame it rests on. */
 double banding_frequency_confidence(const brace_banding *b, const brace_banding_frame *best, uint32_t height);

@@ -77,8 +77,17 @@ static void print_bracket(const brace_banding *b) {
         printf("\nno banding found: %s\n", source_words(b->source));
         return;
     }
+    if (!(b->frequency > 0)) {
+        printf("\nthe rows' light is uneven, but no stripes repeat: fewer than two periods in the frame, or a display\n"
+               "whose parts are out of step\n");
+        return;
+    }
     printf("\nstripes        every %.4g rows\n", 1 / b->frequency);
-    if (b->hz > 0) {
+    if (b->hz > 0 && b->frequency_confidence < 0.2) {
+        printf("frequency      not told: %.4g Hz is a guess (give or take %.2g %%). Few periods in the frame, or a display\n"
+               "               whose parts are out of step\n",
+               b->hz, 100 * b->frequency_error);
+    } else if (b->hz > 0) {
         printf("frequency      %.5g Hz, give or take %.2g %%, %.0f %% sure\n", b->hz, 100 * b->frequency_error,
                100 * b->frequency_confidence);
         if (b->base_hz < 0.99 * b->hz)
@@ -116,7 +125,7 @@ static void print_all(const brace_banding *b, const cli_paths *paths) {
         char time[32];
         printf("%-*s  %10s  %4.0f %%", width, cli_basename(paths->items[i]),
                cli_exposure_text(time, sizeof time, f->exposure_time), 100 * f->confidence);
-        if (f->confidence >= 0.5)
+        if (f->confidence >= 0.5 && f->period > 0)
             printf("  %6.4g px  %4.0f deg  %8.1f %%", f->period, f->orientation, 100 * f->contrast);
         else
             printf("  %9s  %8s  %10s", "-", "-", "-");

@@ -60,8 +60,10 @@ static double exposure_of(const brace_frame *f) {
 /* Across the stripes, unit length: as the rows' light has it, else the spectrum's peak. False: nothing was found. */
 static bool wave(const brace_banding_frame *f, double *x, double *y) {
     if (f->confidence >= 0.5 && f->frequency > 0) {
-        const double a = (f->orientation + 90) * M_PI / 180;
+        const double a = (f->orientation - 90) * M_PI / 180;
         *x = cos(a), *y = sin(a);
+        if (*y < 0)
+            *x = -*x, *y = -*y;
         return true;
     }
     /* A wave vector has no sign: down, or to the right. */

@@ -214,14 +214,19 @@ static void combine(brace_banding *out, const measure_state *s, const brace_fram
     bool compared = false;
     for (size_t i = 0; i < count; i++)
         compared = compared || out->frame[i].compared;
-    /* Light that is less uneven over a shorter exposure was not what made a longer one uneven. */
-    for (size_t i = 1; i < count; i++)
+    for (size_t i = 0; i < count; i++)
+        out->frame[i].confidence = banding_confidence(&out->frame[i]);
+    /* Light that is less uneven over a shorter exposure was not what made a longer one uneven: a unit less
+     * of the logarithm of the odds. */
+    for (size_t i = 1; i < count; i++) {
+        brace_banding_frame *longer = &out->frame[s->order[i]];
+        const double odds = longer->confidence / fmax(1 - longer->confidence, 1e-12) * exp(-1), less = odds / (1 + odds);
         for (size_t j = 0; j < i; j++) {
             const brace_banding_frame *shorter = &out->frame[s->order[j]];
-            brace_banding_frame *longer = &out->frame[s->order[i]];
-            if (shorter->compared && longer->compared && shorter->contrast < 0.8 * longer->contrast)
-                longer->confidence = fmin(longer->confidence, shorter->confidence);
+            if (shorter->compared && longer->compared && shorter->uneven < 0.8 * longer->uneven)
+                longer->confidence = fmin(longer->confidence, fmax(shorter->confidence, less));
         }
+    }
     /* Comparison is the better witness. A frame measured alone does not overrule it: light that is steady over
      * a short exposure is so over a longer one. */
     for (size_t i = 0; i < count; i++)
