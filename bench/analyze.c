@@ -4,6 +4,8 @@
  *
  *     analyze COUNT SCREEN... > captures.tsv
  *
+ * Environment: FIRST=n starts at capture n, ONLY=1 leaves out the shortest frame on its own, BACKLIGHTS=1 shows
+ * LCD backlights of random frequency instead of the presets.
  * bench/analyze.py makes the tables of docs/benchmarks.md of it.
  */
 #include <math.h>
