@@ -6,6 +6,7 @@
  *   image.h    pictures          develop.h  RAW to picture
  *   restore.h  a bracket in, one clean frame out
  *   simulate.h a picture on a display in, a bracket of it out
+ *   metrics.h  how far a picture is from its ground truth
  */
 #ifndef BRACE_BRACE_H
 #define BRACE_BRACE_H
@@ -15,6 +16,7 @@
 #include "frame.h"
 #include "image.h"
 #include "job.h"
+#include "metrics.h"
 #include "restore.h"
 #include "simulate.h"
 #include "status.h"
