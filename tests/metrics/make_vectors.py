@@ -23,20 +23,6 @@ def picture(width, height, channels, seed, noise):
     return code.astype(np.float64) / 255.0
 
 
-CASES = [(64, 48, 3, 20), (11, 11, 3, 50), (33, 17, 1, 5), (40, 100, 3, 90), (200, 150, 3, 1)]
-
-print("/* SPDX-License-Identifier: Apache-2.0 */")
-print("/* Made by make_vectors.py with scikit-image %s; not to be edited. */" % skimage.__version__)
-print("static const struct {\n    uint32_t width, height, channels, noise;\n    double psnr, ssim;\n} vectors[] = {")
-for width, height, channels, noise in CASES:
-    a = picture(width, height, channels, 1, noise)
-    b = picture(width, height, channels, 2, noise)
-    psnr = peak_signal_noise_ratio(a, b, data_range=1)
-    ssim = np.mean([structural_similarity(a[..., c], b[..., c], data_range=1, gaussian_weights=True, sigma=1.5,
-                                          use_sample_covariance=False) for c in range(channels)])
-    print("    {%d, %d, %d, %d, %.12f, %.12f}," % (width, height, channels, noise, psnr, ssim))
-print("};")
-
 # ---- MS-SWD, all in double precision, with the projections of BRACE: Philox4x32-10 and Box-Muller ----
 
 
@@ -100,13 +86,32 @@ def ms_swd(a, b, scales, projections, seed):
     return total / scales
 
 
-SWD_CASES = [(97, 85, 3, 20, 0, 0, 0), (200, 150, 3, 1, 0, 0, 7), (200, 150, 3, 60, 3, 10, 2 ** 40 + 5),
-             (33, 17, 1, 5, 5, 6, 1), (7, 5, 3, 30, 4, 16, 3), (1, 1, 3, 50, 2, 8, 9)]
-print("\nstatic const struct {\n    uint32_t width, height, channels, noise;\n    int scales, projections;\n"
-      "    uint64_t seed;\n    double distance;\n} swd_vectors[] = {")
-for width, height, channels, noise, scales, projections, seed in SWD_CASES:
-    a = picture(width, height, channels, 1, noise)
-    b = picture(width, height, channels, 2, noise)
-    print("    {%d, %d, %d, %d, %d, %d, %du, %.12f}," % (width, height, channels, noise, scales, projections, seed,
-                                                       ms_swd(a, b, scales or 5, projections or 128, seed)))
-print("};")
+def main():
+    CASES = [(64, 48, 3, 20), (11, 11, 3, 50), (33, 17, 1, 5), (40, 100, 3, 90), (200, 150, 3, 1)]
+
+    print("/* SPDX-License-Identifier: Apache-2.0 */")
+    print("/* Made by make_vectors.py with scikit-image %s; not to be edited. */" % skimage.__version__)
+    print("static const struct {\n    uint32_t width, height, channels, noise;\n    double psnr, ssim;\n} vectors[] = {")
+    for width, height, channels, noise in CASES:
+        a = picture(width, height, channels, 1, noise)
+        b = picture(width, height, channels, 2, noise)
+        psnr = peak_signal_noise_ratio(a, b, data_range=1)
+        ssim = np.mean([structural_similarity(a[..., c], b[..., c], data_range=1, gaussian_weights=True, sigma=1.5,
+                                              use_sample_covariance=False) for c in range(channels)])
+        print("    {%d, %d, %d, %d, %.12f, %.12f}," % (width, height, channels, noise, psnr, ssim))
+    print("};")
+
+    SWD_CASES = [(97, 85, 3, 20, 0, 0, 0), (200, 150, 3, 1, 0, 0, 7), (200, 150, 3, 60, 3, 10, 2 ** 40 + 5),
+                 (33, 17, 1, 5, 5, 6, 1), (7, 5, 3, 30, 4, 16, 3), (1, 1, 3, 50, 2, 8, 9)]
+    print("\nstatic const struct {\n    uint32_t width, height, channels, noise;\n    int scales, projections;\n"
+          "    uint64_t seed;\n    double distance;\n} swd_vectors[] = {")
+    for width, height, channels, noise, scales, projections, seed in SWD_CASES:
+        a = picture(width, height, channels, 1, noise)
+        b = picture(width, height, channels, 2, noise)
+        print("    {%d, %d, %d, %d, %d, %d, %du, %.12f}," % (width, height, channels, noise, scales, projections, seed,
+                                                           ms_swd(a, b, scales or 5, projections or 128, seed)))
+    print("};")
+
+
+if __name__ == "__main__":
+    main()
