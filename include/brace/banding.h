@@ -41,6 +41,8 @@
 extern "C" {
 #endif
 
+#define BRACE_BANDING_MAX_FRAMES BRACE_BRACKET_MAX
+
 /* ---- the prior of one frame ---- */
 
 /* All zeros mean the defaults. Radii are distances from the centre of the spectrum in bins:
@@ -142,6 +144,88 @@ BRACE_API brace_status brace_sfc_plane(brace_sfc *out, const float *pred, const 
 /* Mean and standard deviation (of the population) over a set: every field of *mean
  * and *deviation on its own; the direction is 0. Zeros for an empty set. */
 BRACE_API void brace_sfc_summary(brace_sfc *mean, brace_sfc *deviation, const brace_sfc *items, size_t count);
+
+/* ---- the light behind the stripes ---- */
+
+enum { BRACE_BANDING_HARMONICS = 6, BRACE_BANDING_ALIASES = 6, BRACE_BANDING_SHUTTERS = 48 };
+
+/* All zeros mean the defaults. */
+typedef struct brace_banding_params {
+    double readout; /* seconds from the first row's start to the last row's; 0: unknown, no frequency in Hz */
+    bool no_align;  /* the camera stood on a tripod: do not look for motion */
+    brace_fabp_params fabp;
+    uint32_t reserved[8];
+} brace_banding_params;
+
+/* What one frame shows. Lengths are in pixels of the sensor's mosaic, as stored. */
+typedef struct brace_banding_frame {
+    brace_fabp fabp;
+    double exposure_time; /* seconds; 0 if the frame does not say */
+    double confidence;    /* that there is banding at all, 0 to 1 */
+    bool compared;        /* true: told by comparison with longer frames, in which content cancels */
+    double told;          /* share of the rows of which something could be told, 0 (all clips) to 1 */
+    /* The stripes that were found, whether believed or not; all 0 if none. */
+    double frequency;   /* cycles a row */
+    double period;      /* pixels from stripe to stripe, across them */
+    double orientation; /* of the stripes, degrees in [0, 180): 0 along the rows, 90 along the columns */
+    double contrast;    /* modulation depth (max - min)/(max + min) of the light over one period */
+    double share;       /* of the rows' variation that the stripes explain, 0 to 1 */
+    double prominence;  /* power of the line over what surrounds it in the spectrum */
+    double frequency_error; /* expected relative error of the frequency, one standard deviation */
+    double harmonic[BRACE_BANDING_HARMONICS]; /* amplitude of the light's 1st, 2nd, ... harmonic over its mean */
+    double hz;          /* frequency with the row time; 0 without a readout */
+} brace_banding_frame;
+
+/* What probably shone. */
+typedef enum brace_banding_source {
+    BRACE_BANDING_STEADY = 0,    /* no banding was found: steady light, or too fast for these exposures */
+    BRACE_BANDING_UNKNOWN = 1,   /* banding, but nothing that tells more (or no readout time was given) */
+    BRACE_BANDING_BACKLIGHT = 2, /* one light for all rows: an LCD's pulsed backlight */
+    BRACE_BANDING_SCANNED = 3,   /* rows lit one after another: an OLED */
+    BRACE_BANDING_LED_WALL = 4,  /* scrambled PWM at a multiple of 960 Hz */
+    BRACE_BANDING_MAINS = 5      /* 100 or 120 Hz, smooth: lamps on the mains */
+} brace_banding_source;
+
+/* A shutter time and the contrast that it would show, with the light as it was measured. */
+typedef struct brace_banding_shutter {
+    double seconds;
+    double contrast; /* 0 to 1 */
+    int periods;     /* n where seconds = n/hz exactly, 0 for a usual time */
+} brace_banding_shutter;
+
+typedef struct brace_banding {
+    size_t count;
+    brace_banding_frame frame[BRACE_BANDING_MAX_FRAMES]; /* in the order given */
+    double confidence; /* that at least one frame bands */
+    double frequency;  /* cycles a row, of all frames together; 0 if none was found */
+    double spread;     /* largest relative deviation of a believed frame from it */
+    double frequency_error;      /* expected relative error, one standard deviation, the spread considered */
+    double frequency_confidence; /* that it is within 1 % of the light's, but for aliases and scanned rows; 0 to 1 */
+    /* With a readout: */
+    double readout;
+    double hz;      /* frequency / row time, if all rows of the display are lit together */
+    double base_hz; /* the light repeats only after several of these periods (refresh): that frequency; else hz */
+    double alias_hz[BRACE_BANDING_ALIASES]; /* what would look the same: rows sample the light */
+    bool alias_possible[BRACE_BANDING_ALIASES]; /* false: too fast to show the contrast that was measured */
+    size_t aliases;
+    brace_banding_source source;
+    brace_banding_shutter usual[BRACE_BANDING_SHUTTERS]; /* third stops, 1/8000 s to 1/4 s, longest first */
+    size_t usuals;
+    brace_banding_shutter exact[BRACE_BANDING_SHUTTERS]; /* n/hz */
+    size_t exacts;
+} brace_banding;
+
+/* Measures 1 to BRACE_BANDING_MAX_FRAMES frames of one screen. Frames of the same camera, size and CFA
+ * but different exposure are aligned and each compared with the longer ones; a
+ * frame on its own is measured by itself, which is less sure. The frequency in Hz
+ * is that of light that all rows of the display share. A display that lights its
+ * rows one after another shifts it (docs/banding.md). `params` and `job` may be NULL. */
+BRACE_API brace_status brace_banding_measure(brace_banding *out, const brace_frame *const *frames, size_t count,
+                                             const brace_banding_params *params, const brace_job *job,
+                                             brace_error *error);
+
+/* "steady", "unknown", "backlight", "scanned", "led_wall", "mains"; never NULL. */
+BRACE_API const char *brace_banding_source_name(brace_banding_source source);
 
 #ifdef __cplusplus
 }
