@@ -96,16 +96,20 @@ brace_status brace_perceptual_load(brace_perceptual **out, brace_perceptual_kind
         return core_fail_memory(error, sizeof *s, "a metric");
     }
     brace_status status = BRACE_OK;
+    bool missing[2];
+    for (int f = 0; f < 2; f++) {
+        missing[f] = !given || !find(s->path[f], folder, files[kind][f]);
+    }
+    if (missing[0] || missing[1]) {
+        const bool both = missing[0] && missing[1];
+        status = core_fail(error, BRACE_ERROR_IO, "%s needs %s: download %s%s%s into %s%.500s",
+                           brace_perceptual_name(kind), both ? "two files" : "a file",
+                           files[kind][missing[0] ? 0 : 1]->url, both ? " and " : "", both ? files[kind][1]->url : "",
+                           given ? "the folder " : "a folder, and name that with --weights or BRACE_WEIGHTS",
+                           given ? folder : "");
+    }
     for (int f = 0; f < 2 && status == BRACE_OK; f++) {
-        const published *file = files[kind][f];
-        if (!given || !find(s->path[f], folder, file)) {
-            status = core_fail(error, BRACE_ERROR_IO, "%s needs the file %s: download it from %s into %s%s",
-                               brace_perceptual_name(kind), file->names[0], file->url,
-                               given ? "the folder " : "a folder and name that with --weights or BRACE_WEIGHTS",
-                               given ? folder : "");
-        } else {
-            status = nn_pth_open(&s->file[f], s->path[f], error);
-        }
+        status = nn_pth_open(&s->file[f], s->path[f], error);
     }
     if (status == BRACE_OK) {
         status = metrics_perceptual_create(out, kind, tensor, s, error);
