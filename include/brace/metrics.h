@@ -49,7 +49,7 @@ typedef struct brace_ms_swd_params {
 
 /* Multiscale sliced Wasserstein distance, 0 for equal pictures, in units of CIELAB (He, Wang, Wang, Liu, Fang, Sun,
  * Ma: Multiscale Sliced Wasserstein Distances as Perceptual Color Difference Measures; ECCV 2024). `params` may be
- * NULL. Needs about 95 bytes a pixel. */
+ * NULL. Needs about 85 bytes a pixel. */
 BRACE_API brace_status brace_ms_swd(double *out, const brace_image *a, const brace_image *b,
                                     const brace_ms_swd_params *params, const brace_job *job, brace_error *error);
 

@@ -3,7 +3,7 @@
  * cmd_metrics.c: brace metrics: how far pictures are from the truth, one row a
  * picture, with mean and deviation.
  */
-#include "cli/pairs.h"
+#include "cli/metrics_table.h"
 
 #include <errno.h>
 #include <math.h>
@@ -15,25 +15,6 @@
 
 static const char command[] = "metrics";
 
-/* ---- what can be measured ---- */
-
-typedef enum metric { PSNR, SSIM, MS_SWD, LPIPS_ALEX, LPIPS_VGG, LPIPS_SQUEEZE, DISTS, SFC, METRICS } metric;
-
-static const struct {
-    const char *name, *head; /* as given and in JSON; in the table */
-    int digits;
-    int perceptual; /* brace_perceptual_kind, or -1 */
-} known[METRICS] = {
-    [PSNR] = {"psnr", "PSNR", 2, -1},
-    [SSIM] = {"ssim", "SSIM", 4, -1},
-    [MS_SWD] = {"ms-swd", "MS-SWD", 4, -1},
-    [LPIPS_ALEX] = {"lpips-alex", "LPIPS", 4, BRACE_LPIPS_ALEX},
-    [LPIPS_VGG] = {"lpips-vgg", "LPIPS-VGG", 4, BRACE_LPIPS_VGG},
-    [LPIPS_SQUEEZE] = {"lpips-squeeze", "LPIPS-SQ", 4, BRACE_LPIPS_SQUEEZE},
-    [DISTS] = {"dists", "DISTS", 4, BRACE_DISTS},
-    [SFC] = {"sfc", "SFC", 4, -1},
-};
-
 typedef struct arguments {
     cli_list operands, bracket;
     const char *metrics, *weights, *csv;
@@ -42,11 +23,6 @@ typedef struct arguments {
     bool wanted[METRICS];
     bool chosen; /* by --metrics, and not the default */
 } arguments;
-
-typedef struct result {
-    double value[METRICS]; /* NAN: not measured; psnr may be infinite */
-    brace_sfc sfc;
-} result;
 
 /* ---- arguments ---- */
 
@@ -65,13 +41,14 @@ static int parse_metrics(arguments *a) {
     a->chosen = true;
     while (code < 0 && (word = strsep(&rest, ",")) != NULL) {
         int m = 0;
-        while (m < METRICS && strcmp(word, known[m].name) != 0 && !(m == LPIPS_ALEX && strcmp(word, "lpips") == 0)) {
+        while (m < METRICS && strcmp(word, metric_kinds[m].name) != 0 &&
+               !(m == LPIPS_ALEX && strcmp(word, "lpips") == 0)) {
             m++;
         }
         if (m == METRICS) {
             const char *names[METRICS + 1] = {NULL};
             for (int i = 0; i < METRICS; i++) {
-                names[i] = known[i].name;
+                names[i] = metric_kinds[i].name;
             }
             const char *close = cli_closest(word, names);
             code = close != NULL
@@ -83,7 +60,8 @@ static int parse_metrics(arguments *a) {
     }
     free(copy);
     if (code < 0 && a->wanted[SFC] && a->bracket.count == 0) {
-        code = cli_wrong_usage(command, "SFC looks along the banding of the shortest frame: give the frames with --bracket");
+        code = cli_wrong_usage(command,
+                               "SFC looks along the banding of the shortest frame: give the frames with --bracket");
     }
     return code;
 }
@@ -156,8 +134,7 @@ static brace_status develop(brace_image **out, const brace_frame *frame, const b
 }
 
 /* Both pictures; two RAW files with the same colours. */
-static brace_status read_pair(brace_image *picture[2], const cli_pair *pair, const brace_job *job,
-                              brace_error *error) {
+static brace_status read_pair(brace_image *picture[2], const cli_pair *pair, const brace_job *job, brace_error *error) {
     const char *const path[2] = {pair->pred, pair->gt};
     brace_frame *frame[2] = {NULL, NULL};
     brace_status status = BRACE_OK;
@@ -178,8 +155,7 @@ static brace_status read_pair(brace_image *picture[2], const cli_pair *pair, con
     }
     brace_frame_destroy(frame[0]);
     brace_frame_destroy(frame[1]);
-    if (status == BRACE_OK &&
-        (picture[0]->width != picture[1]->width || picture[0]->height != picture[1]->height)) {
+    if (status == BRACE_OK && (picture[0]->width != picture[1]->width || picture[0]->height != picture[1]->height)) {
         status = BRACE_ERROR_MISMATCH;
         error->status = status;
         snprintf(error->message, sizeof error->message, "%.400s has %u x %u pixels, %.400s %u x %u", pair->pred,
@@ -225,10 +201,8 @@ static brace_status banding_direction(double *direction, const cli_paths *files,
 
 typedef struct state {
     const arguments *a;
-    bool wanted[METRICS];
+    metrics_table table;
     brace_perceptual *perceptual[METRICS];
-    cli_pairs pairs;
-    result *results;
     brace_job job, quiet; /* `quiet`: without progress, for steps of one pair among many */
     cli_report report;
     bool failed;
@@ -288,15 +262,15 @@ static bool bracket_of(state *s, const cli_pair *pair, bool folders, cli_paths *
 }
 
 static bool one_pair(state *s, size_t index, bool folders) {
-    const cli_pair *pair = &s->pairs.items[index];
-    const brace_job *job = s->pairs.count == 1 ? &s->job : &s->quiet;
-    result *r = &s->results[index];
+    const cli_pair *pair = &s->table.pairs.items[index];
+    const brace_job *job = s->table.pairs.count == 1 ? &s->job : &s->quiet;
+    result *r = &s->table.results[index];
     brace_error error = {0};
     brace_image *picture[2];
     double direction = NAN;
     brace_status status = read_pair(picture, pair, job, &error);
     bool good = go_on(s, pair->name, "", status, &error);
-    if (status == BRACE_OK && s->wanted[SFC]) {
+    if (status == BRACE_OK && s->table.wanted[SFC]) {
         cli_paths files = {0};
         cli_report_flush(&s->report);
         if (!bracket_of(s, pair, folders, &files)) {
@@ -307,8 +281,9 @@ static bool one_pair(state *s, size_t index, bool folders) {
         cli_paths_free(&files);
     }
     for (metric m = 0; m < METRICS && good && status == BRACE_OK; m++) {
-        if (s->wanted[m] && !(m == SFC && isnan(direction))) {
-            good = go_on(s, pair->name, known[m].head, measure(s, m, r, picture, direction, job, &error), &error);
+        if (s->table.wanted[m] && !(m == SFC && isnan(direction))) {
+            good =
+                go_on(s, pair->name, metric_kinds[m].head, measure(s, m, r, picture, direction, job, &error), &error);
         }
     }
     brace_image_destroy(picture[0]);
@@ -321,23 +296,23 @@ static bool load_weights(state *s) {
     const char *variable = getenv("BRACE_WEIGHTS");
     const bool given = s->a->weights != NULL || (variable != NULL && variable[0] != '\0');
     if (!s->a->chosen && !given) {
-        s->wanted[LPIPS_ALEX] = s->wanted[DISTS] = false;
+        s->table.wanted[LPIPS_ALEX] = s->table.wanted[DISTS] = false;
         s->job.note(s->job.user, "LPIPS and DISTS are left out: their weights are not part of BRACE; "
                                  "--metrics lpips,dists says what to download");
         return true;
     }
     for (metric m = 0; m < METRICS; m++) {
         brace_error error = {0};
-        if (!s->wanted[m] || known[m].perceptual < 0) {
+        if (!s->table.wanted[m] || metric_kinds[m].perceptual < 0) {
             continue;
         }
         brace_status status = brace_perceptual_load(
-            &s->perceptual[m], (brace_perceptual_kind)known[m].perceptual, s->a->weights, &error);
+            &s->perceptual[m], (brace_perceptual_kind)metric_kinds[m].perceptual, s->a->weights, &error);
         if (status == BRACE_ERROR_IO && !s->a->chosen) {
             char text[BRACE_ERROR_LENGTH + 32];
             snprintf(text, sizeof text, "left out: %s", error.message);
             s->job.note(s->job.user, text);
-            s->wanted[m] = false;
+            s->table.wanted[m] = false;
         } else if (status != BRACE_OK) {
             cli_report_flush(&s->report);
             cli_error(command, "%s", error.message);
@@ -350,193 +325,19 @@ static bool load_weights(state *s) {
     return true;
 }
 
-/* ---- what is shown ---- */
-
-/* Mean and deviation (of the population) of what was measured; infinite if one of them is. */
-static void summary(const state *s, metric m, double *mean, double *deviation, size_t *count) {
-    double sum = 0, squares = 0;
-    *count = 0;
-    for (size_t i = 0; i < s->pairs.count; i++) {
-        if (!isnan(s->results[i].value[m])) {
-            sum += s->results[i].value[m];
-            ++*count;
-        }
-    }
-    *mean = *count > 0 ? sum / (double)*count : NAN;
-    for (size_t i = 0; i < s->pairs.count; i++) {
-        double d = s->results[i].value[m] - *mean;
-        squares += isnan(s->results[i].value[m]) ? 0 : d * d;
-    }
-    *deviation = *count > 0 && isfinite(*mean) ? sqrt(squares / (double)*count) : NAN;
-}
-
-static const char *number(char buffer[32], double value, int digits) {
-    if (isnan(value)) {
-        return "-";
-    }
-    snprintf(buffer, 32, "%.*f", digits, value);
-    return buffer;
-}
-
-static void print_row(const state *s, int width, const char *name, const double values[METRICS]) {
-    char buffer[32];
-    printf("%-*s", width, name);
-    for (metric m = 0; m < METRICS; m++) {
-        if (s->wanted[m]) {
-            printf("  %9s", number(buffer, values[m], known[m].digits));
-        }
-    }
-    putchar('\n');
-}
-
-static void print_table(const state *s) {
-    int width = 9;
-    double mean[METRICS], deviation[METRICS];
-    size_t count;
-    for (size_t i = 0; i < s->pairs.count; i++) {
-        int n = (int)strlen(s->pairs.items[i].name);
-        width = n > width ? n : width;
-    }
-    printf("%-*s", width, "picture");
-    for (metric m = 0; m < METRICS; m++) {
-        summary(s, m, &mean[m], &deviation[m], &count);
-        if (s->wanted[m]) {
-            printf("  %9s", known[m].head);
-        }
-    }
-    putchar('\n');
-    for (size_t i = 0; i < s->pairs.count; i++) {
-        print_row(s, width, s->pairs.items[i].name, s->results[i].value);
-    }
-    if (s->pairs.count > 1) {
-        print_row(s, width, "mean", mean);
-        print_row(s, width, "deviation", deviation);
-    }
-}
-
-static json_t *values_json(const state *s, const result *r) {
-    json_t *object = json_object();
-    for (metric m = 0; m < METRICS; m++) {
-        if (s->wanted[m]) {
-            json_object_set_new(object, known[m].name, cli_json_number(r->value[m]));
-        }
-    }
-    if (s->wanted[PSNR]) { /* JSON has no infinity */
-        json_object_set_new(object, "identical", json_boolean(isinf(r->value[PSNR])));
-    }
-    if (s->wanted[SFC] && !isnan(r->value[SFC])) {
-        json_object_set_new(object, "sfc_parts",
-                            json_pack("{s:o, s:o, s:o, s:o, s:o}", "d_ratio", cli_json_number(r->sfc.d_ratio),
-                                      "d_profile", cli_json_number(r->sfc.d_profile), "delta_ratio",
-                                      cli_json_number(r->sfc.delta_ratio), "delta_profile",
-                                      cli_json_number(r->sfc.delta_profile), "direction",
-                                      cli_json_number(r->sfc.direction)));
-    }
-    return object;
-}
-
-static json_t *report_json(const state *s) {
-    json_t *pairs = json_array(), *all = json_object(), *unmatched = json_array(), *notes = json_array();
-    for (size_t i = 0; i < s->pairs.count; i++) {
-        const cli_pair *p = &s->pairs.items[i];
-        json_array_append_new(pairs, json_pack("{s:o, s:o, s:o, s:o}", "name", cli_json_text(p->name), "pred",
-                                               cli_json_text(p->pred), "gt", cli_json_text(p->gt), "metrics",
-                                               values_json(s, &s->results[i])));
-    }
-    for (metric m = 0; m < METRICS; m++) {
-        double mean, deviation;
-        size_t count;
-        summary(s, m, &mean, &deviation, &count);
-        if (s->wanted[m]) {
-            json_object_set_new(all, known[m].name,
-                                json_pack("{s:o, s:o, s:I}", "mean", cli_json_number(mean), "deviation",
-                                          cli_json_number(deviation), "count", (json_int_t)count));
-        }
-    }
-    for (size_t i = 0; i < s->pairs.unmatched.count; i++) {
-        json_array_append_new(unmatched, cli_json_text(s->pairs.unmatched.items[i]));
-    }
-    for (size_t i = 0; i < s->report.note_count; i++) {
-        json_array_append_new(notes, cli_json_text(s->report.notes[i]));
-    }
-    return json_pack("{s:s, s:o, s:o, s:o, s:o}", "version", brace_version(), "pairs", pairs, "summary", all,
-                     "unmatched", unmatched, "notes", notes);
-}
-
-/* RFC 4180: quoted where a comma, a quote or a new line is in it. */
-static void csv_text(FILE *f, const char *text) {
-    if (strpbrk(text, ",\"\r\n") == NULL) {
-        fputs(text, f);
-        return;
-    }
-    putc('"', f);
-    for (; *text != '\0'; text++) {
-        if (*text == '"') {
-            putc('"', f);
-        }
-        putc(*text, f);
-    }
-    putc('"', f);
-}
-
-static void csv_values(const state *s, FILE *f, const double values[METRICS]) {
-    for (metric m = 0; m < METRICS; m++) {
-        if (s->wanted[m]) {
-            putc(',', f);
-            if (!isnan(values[m])) {
-                fprintf(f, "%.9g", values[m]);
-            }
-        }
-    }
-    fputs("\r\n", f);
-}
-
-static brace_status write_csv(const state *s, brace_error *error) {
-    core_file *file = NULL;
-    brace_status status = core_file_create(&file, s->a->csv, error);
-    if (status != BRACE_OK) {
-        return status;
-    }
-    FILE *f = core_file_stream(file);
-    double mean[METRICS], deviation[METRICS];
-    size_t count;
-    fputs("name,pred,gt", f);
-    for (metric m = 0; m < METRICS; m++) {
-        summary(s, m, &mean[m], &deviation[m], &count);
-        if (s->wanted[m]) {
-            fprintf(f, ",%s", known[m].name);
-        }
-    }
-    fputs("\r\n", f);
-    for (size_t i = 0; i < s->pairs.count; i++) {
-        const cli_pair *p = &s->pairs.items[i];
-        csv_text(f, p->name);
-        putc(',', f);
-        csv_text(f, p->pred);
-        putc(',', f);
-        csv_text(f, p->gt);
-        csv_values(s, f, s->results[i].value);
-    }
-    fputs("mean,,", f);
-    csv_values(s, f, mean);
-    fputs("deviation,,", f);
-    csv_values(s, f, deviation);
-    return core_file_commit(file, error);
-}
-
 /* ---- all pairs ---- */
 
 static int show(state *s) {
     brace_error error = {0};
     int code = s->failed ? CLI_FAILED : CLI_DONE;
-    if (s->a->csv != NULL && write_csv(s, &error) != BRACE_OK) {
+    if (s->a->csv != NULL && metrics_table_csv(&s->table, s->a->csv, &error) != BRACE_OK) {
         cli_error(command, "%s", error.message);
         code = CLI_FAILED;
     }
     if (s->a->json) {
-        return cli_json_print(report_json(s), command) ? code : CLI_FAILED;
+        return cli_json_print(metrics_table_json(&s->table, &s->report), command) ? code : CLI_FAILED;
     }
-    print_table(s);
+    metrics_table_print(&s->table);
     return cli_flush(command) ? code : CLI_FAILED;
 }
 
@@ -544,41 +345,42 @@ static int run(state *s) {
     struct stat info;
     const char *pred = s->a->operands.items[0], *gt = s->a->operands.items[1];
     const bool folders = stat(pred, &info) == 0 && S_ISDIR(info.st_mode);
-    if (!cli_pairs_find(&s->pairs, pred, gt, command)) {
+    if (!cli_pairs_find(&s->table.pairs, pred, gt, command)) {
         return CLI_FAILED;
     }
-    if (folders && s->wanted[SFC] && s->a->bracket.count > 1) {
-        return cli_wrong_usage(command, "with two folders, --bracket is one folder that holds the frames of each picture");
+    if (folders && s->table.wanted[SFC] && s->a->bracket.count > 1) {
+        return cli_wrong_usage(command,
+                               "with two folders, --bracket is one folder that holds the frames of each picture");
     }
-    for (size_t i = 0; i < s->pairs.unmatched.count; i++) {
+    for (size_t i = 0; i < s->table.pairs.unmatched.count; i++) {
         char text[BRACE_ERROR_LENGTH];
-        snprintf(text, sizeof text, "%.900s has no partner of the same name", s->pairs.unmatched.items[i]);
+        snprintf(text, sizeof text, "%.900s has no partner of the same name", s->table.pairs.unmatched.items[i]);
         s->job.note(s->job.user, text);
     }
     if (!load_weights(s)) {
         return CLI_FAILED;
     }
-    s->results = calloc(s->pairs.count, sizeof *s->results);
-    if (s->results == NULL) {
+    s->table.results = calloc(s->table.pairs.count, sizeof *s->table.results);
+    if (s->table.results == NULL) {
         cli_error(command, "out of memory");
         return CLI_FAILED;
     }
-    for (size_t i = 0; i < s->pairs.count; i++) {
+    for (size_t i = 0; i < s->table.pairs.count; i++) {
         for (metric m = 0; m < METRICS; m++) {
-            s->results[i].value[m] = NAN;
+            s->table.results[i].value[m] = NAN;
         }
     }
-    for (size_t i = 0; i < s->pairs.count; i++) {
-        if (s->pairs.count > 1) {
-            core_progress(&s->job, "compare", i, s->pairs.count);
+    for (size_t i = 0; i < s->table.pairs.count; i++) {
+        if (s->table.pairs.count > 1) {
+            core_progress(&s->job, "compare", i, s->table.pairs.count);
         }
         if (!one_pair(s, i, folders)) {
             cli_error(command, "stopped");
             return cli_signals_exit();
         }
     }
-    if (s->pairs.count > 1) {
-        core_progress(&s->job, "compare", s->pairs.count, s->pairs.count);
+    if (s->table.pairs.count > 1) {
+        core_progress(&s->job, "compare", s->table.pairs.count, s->table.pairs.count);
     }
     cli_report_flush(&s->report);
     return show(s);
@@ -589,7 +391,7 @@ int cli_metrics(int argc, char **argv) {
     int code = parse(&a, argc, argv);
     if (code < 0) {
         state s = {.a = &a};
-        memcpy(s.wanted, a.wanted, sizeof s.wanted);
+        memcpy(s.table.wanted, a.wanted, sizeof s.table.wanted);
         cli_report_begin(&s.report, &s.job, command, a.quiet, a.threads);
         s.quiet = s.job;
         s.quiet.progress = NULL;
@@ -598,8 +400,8 @@ int cli_metrics(int argc, char **argv) {
         for (metric m = 0; m < METRICS; m++) {
             brace_perceptual_destroy(s.perceptual[m]);
         }
-        free(s.results);
-        cli_pairs_free(&s.pairs);
+        free(s.table.results);
+        cli_pairs_free(&s.table.pairs);
     }
     cli_list_free(&a.operands);
     cli_list_free(&a.bracket);

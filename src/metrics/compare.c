@@ -33,8 +33,8 @@ brace_status metrics_take(brace_image *out[2], const brace_image *a, const brace
 typedef brace_status compare_fn(double *out, const brace_image *a, const brace_image *b, const brace_job *job,
                                 brace_error *error);
 
-static brace_status taken(compare_fn *fn, double *out, const brace_image *a, const brace_image *b,
-                          const brace_job *job, brace_error *error) {
+static brace_status taken(compare_fn *fn, double *out, const brace_image *a, const brace_image *b, const brace_job *job,
+                          brace_error *error) {
     brace_image *picture[2];
     brace_status status = metrics_take(picture, a, b, error);
     if (status == BRACE_OK) {

@@ -13,8 +13,8 @@
 #include "core/core.h"
 
 enum {
-    METRICS_PATCH = 11,     /* side of MS-SWD's patches */
-    METRICS_TOGETHER = 4,   /* projections computed at once */
+    METRICS_PATCH = 11,        /* side of MS-SWD's patches */
+    METRICS_TOGETHER = 4,      /* projections computed at once */
     METRICS_PROJECT_MOST = 96, /* floats behind a row that `project` may read */
     METRICS_PIXELS_MOST = 12,  /* pixels that `convolve` computes at once, at most */
     METRICS_CHANNELS_MOST = 32 /* channels that `convolve` computes at once, at most */
@@ -25,9 +25,9 @@ typedef struct metrics_convolution {
     const float *weights; /* [block][ky][kx][in][channels of a block], 0 for channels that there aren't */
     const float *bias;    /* one for each channel of all blocks */
     size_t kernel, stride;
-    size_t in, out;       /* channels */
-    size_t in_row;        /* floats from one row to the next */
-    size_t out_pixel;     /* floats from one pixel to the next */
+    size_t in, out;   /* channels */
+    size_t in_row;    /* floats from one row to the next */
+    size_t out_pixel; /* floats from one pixel to the next */
     bool relu;
 } metrics_convolution;
 

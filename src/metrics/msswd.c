@@ -19,7 +19,7 @@
 #include "metrics/swd.h"
 
 enum { PAD = METRICS_PATCH / 2, SCALES = 5, PROJECTIONS = 128, SCALES_MOST = 12, PROJECTIONS_MOST = 4096 };
-#define WORK ((size_t)512 << 20) /* bytes of projections at a time, unless four need more */
+#define WORK ((size_t)256 << 20) /* bytes of projections at a time, unless four need more */
 
 typedef struct swd_run {
     const brace_job *job;
@@ -30,14 +30,14 @@ typedef struct swd_run {
     float *lab[2];           /* three planes with a border */
     size_t stride, plane;    /* floats of their rows and planes */
     size_t columns, rows, count;
-    float *weights;          /* [group of four][tap][4] */
-    float *projected;        /* [projection][picture][count] */
-    float *scratch;          /* [workers][count] */
-    size_t workers;          /* that compare at a time */
-    size_t groups;           /* of four projections at a time */
-    size_t first;            /* projection of these */
-    double *distances;       /* of all projections */
-    int bad;                 /* a pixel is no number */
+    float *weights;    /* [group of four][tap][4] */
+    float *projected;  /* [projection][picture][count] */
+    float *scratch;    /* [workers][count] */
+    size_t workers;    /* that compare at a time */
+    size_t groups;     /* of four projections at a time */
+    size_t first;      /* projection of these */
+    double *distances; /* of all projections */
+    int bad;           /* a pixel is no number */
 } swd_run;
 
 /* Mirrored at the first and the last: -1 is 1, n is n-2; repeated for pictures smaller than the border. */
@@ -139,8 +139,8 @@ static void shrink_rows(void *arg, size_t begin, size_t end, int worker) {
                 float sum = 0;
                 for (int y = 0; y < 5; y++) {
                     const float *p = row[y] + c;
-                    sum += tap[y] * (tap[0] * (p[at[0]] + p[at[4]]) + tap[1] * (p[at[1]] + p[at[3]]) +
-                                     tap[2] * p[at[2]]);
+                    sum +=
+                        tap[y] * (tap[0] * (p[at[0]] + p[at[4]]) + tap[1] * (p[at[1]] + p[at[3]]) + tap[2] * p[at[2]]);
                 }
                 to[c] = sum;
             }
@@ -199,7 +199,8 @@ static brace_status one_scale(double *out, swd_run *run, const brace_ms_swd_para
     run->stride = run->columns + 2 * PAD;
     run->plane = run->stride * (run->rows + 2 * PAD);
     const size_t wanted = (projections + METRICS_TOGETHER - 1) / METRICS_TOGETHER;
-    size_t groups = WORK / (run->count * sizeof(float) * 3 * METRICS_TOGETHER), workers = (size_t)core_pool_threads(run->pool);
+    size_t groups = WORK / (run->count * sizeof(float) * 3 * METRICS_TOGETHER),
+           workers = (size_t)core_pool_threads(run->pool);
     groups = groups < 1 ? 1 : groups < wanted ? groups : wanted;
     run->workers = workers < groups * METRICS_TOGETHER ? workers : groups * METRICS_TOGETHER;
     run->weights = core_alloc(groups * METRICS_TOGETHER * METRICS_SWD_TAPS, sizeof *run->weights);
@@ -225,7 +226,8 @@ static brace_status one_scale(double *out, swd_run *run, const brace_ms_swd_para
         for (size_t p = 0; p < n; p++) {
             float direction[METRICS_SWD_TAPS];
             metrics_swd_projection(direction, params->seed, scale, (uint32_t)(run->first + p));
-            float *to = run->weights + p / METRICS_TOGETHER * METRICS_TOGETHER * METRICS_SWD_TAPS + p % METRICS_TOGETHER;
+            float *to =
+                run->weights + p / METRICS_TOGETHER * METRICS_TOGETHER * METRICS_SWD_TAPS + p % METRICS_TOGETHER;
             for (size_t i = 0; i < METRICS_SWD_TAPS; i++) {
                 to[i * METRICS_TOGETHER] = direction[i];
             }
@@ -258,8 +260,8 @@ static void free_scale(swd_run *run) {
 static brace_status shrink(swd_run *run, brace_error *error) {
     const uint32_t width = (run->picture[0]->width + 1) / 2, height = (run->picture[0]->height + 1) / 2;
     for (int k = 0; k < 2; k++) {
-        brace_status status = image_create_raw(&run->smaller[k], width, height, 3, BRACE_SAMPLE_F32,
-                                               BRACE_TRANSFER_SRGB, error);
+        brace_status status =
+            image_create_raw(&run->smaller[k], width, height, 3, BRACE_SAMPLE_F32, BRACE_TRANSFER_SRGB, error);
         if (status != BRACE_OK) {
             return status;
         }

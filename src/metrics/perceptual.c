@@ -21,252 +21,15 @@
 #include "metrics/metrics.h"
 
 enum {
-    TAPS = 7,          /* layers compared, at most */
-    CHANNELS = 512,    /* of a layer, at most */
-    HALO = 112,        /* pixels: half of what the last layer of any of the networks looks at, and to spare */
-    TILE = 800,        /* own pixels of a tile, which has 1024 with its halo */
-    STRIDE = 16,       /* pixels between two positions of the last layer: tiles begin at multiples */
+    TAPS = METRICS_TAPS,
+    CHANNELS = METRICS_CHANNELS,
+    HALO = 112,          /* pixels: half of what the last layer of any of the networks looks at, and to spare */
+    TILE = 800,          /* own pixels of a tile, which has 1024 with its halo */
+    STRIDE = 16,         /* pixels between two positions of the last layer: tiles begin at multiples */
     WHOLE = 1024 * 1024, /* pixels of a picture that is one tile */
     SMALLEST = 32,
     ROWS = 16 /* summed as one piece */
 };
-
-/* ---- the networks ---- */
-
-typedef enum layer_kind { LAYER_END = 0, LAYER_CONV, LAYER_FIRE, LAYER_MAX, LAYER_L2 } layer_kind;
-
-typedef struct layer {
-    layer_kind kind;
-    int number; /* of the layer in torchvision's `features` */
-    size_t kernel, stride, pad, in, out;
-    size_t squeeze; /* channels of a fire module between its convolutions; `out` is both halves */
-    bool tap;
-} layer;
-
-#define CONV(number, kernel, stride, pad, in, out, tap) {LAYER_CONV, number, kernel, stride, pad, in, out, 0, tap}
-#define FIRE(number, in, squeeze, out, tap) {LAYER_FIRE, number, 3, 1, 1, in, out, squeeze, tap}
-#define MAX(kernel) {LAYER_MAX, 0, kernel, 2, 0, 0, 0, 0, false}
-#define L2 {LAYER_L2, 0, 3, 2, 1, 0, 0, 0, false}
-
-static const layer alex[] = {
-    CONV(0, 11, 4, 2, 3, 64, true),  MAX(3), CONV(3, 5, 1, 2, 64, 192, true), MAX(3), CONV(6, 3, 1, 1, 192, 384, true),
-    CONV(8, 3, 1, 1, 384, 256, true), CONV(10, 3, 1, 1, 256, 256, true), {0}};
-
-#define VGG(POOL)                                                                                                     \
-    CONV(0, 3, 1, 1, 3, 64, false), CONV(2, 3, 1, 1, 64, 64, true), POOL, CONV(5, 3, 1, 1, 64, 128, false),           \
-        CONV(7, 3, 1, 1, 128, 128, true), POOL, CONV(10, 3, 1, 1, 128, 256, false),                                   \
-        CONV(12, 3, 1, 1, 256, 256, false), CONV(14, 3, 1, 1, 256, 256, true), POOL,                                  \
-        CONV(17, 3, 1, 1, 256, 512, false), CONV(19, 3, 1, 1, 512, 512, false), CONV(21, 3, 1, 1, 512, 512, true),    \
-        POOL, CONV(24, 3, 1, 1, 512, 512, false), CONV(26, 3, 1, 1, 512, 512, false),                                 \
-        CONV(28, 3, 1, 1, 512, 512, true), {                                                                          \
-        0                                                                                                             \
-    }
-
-static const layer vgg[] = {VGG(MAX(2))};
-static const layer vgg_l2[] = {VGG(L2)};
-
-/* SqueezeNet 1.1: its pools count windows that reach over the end. */
-static const layer squeeze[] = {CONV(0, 3, 2, 0, 3, 64, true),
-                                MAX(3),
-                                FIRE(3, 64, 16, 128, false),
-                                FIRE(4, 128, 16, 128, true),
-                                MAX(3),
-                                FIRE(6, 128, 32, 256, false),
-                                FIRE(7, 256, 32, 256, true),
-                                MAX(3),
-                                FIRE(9, 256, 48, 384, true),
-                                FIRE(10, 384, 48, 384, true),
-                                FIRE(11, 384, 64, 512, true),
-                                FIRE(12, 512, 64, 512, true),
-                                {0}};
-
-static const struct {
-    const char *name;
-    const layer *layers;
-    size_t border; /* the widest padding */
-    bool ceil;     /* of the pools */
-} kinds[] = {
-    [BRACE_LPIPS_ALEX] = {"lpips-alex", alex, 2, false},
-    [BRACE_LPIPS_VGG] = {"lpips-vgg", vgg, 1, false},
-    [BRACE_LPIPS_SQUEEZE] = {"lpips-squeeze", squeeze, 1, true},
-    [BRACE_DISTS] = {"dists", vgg_l2, 1, false},
-};
-enum { KINDS = sizeof kinds / sizeof kinds[0] };
-
-const char *brace_perceptual_name(brace_perceptual_kind kind) {
-    return (unsigned)kind < KINDS ? kinds[kind].name : "?";
-}
-
-/* ---- weights ---- */
-
-typedef struct layer_weights {
-    metrics_weights conv; /* or a fire module's 3x3 half */
-    metrics_weights squeeze, expand;
-} layer_weights;
-
-enum { LAYERS = 20 };
-
-struct brace_perceptual {
-    brace_perceptual_kind kind;
-    const metrics_kernels *kernels;
-    layer_weights weights[LAYERS];
-    float *head[TAPS];         /* LPIPS */
-    float *alpha, *beta;       /* DISTS: one after another for all stages */
-    size_t channels[TAPS + 1]; /* of the taps; DISTS begins with the picture's 3 */
-    size_t taps;
-};
-
-void brace_perceptual_destroy(brace_perceptual *m) {
-    if (m == NULL) {
-        return;
-    }
-    for (int i = 0; i < LAYERS; i++) {
-        metrics_weights_free(&m->weights[i].conv);
-        metrics_weights_free(&m->weights[i].squeeze);
-        metrics_weights_free(&m->weights[i].expand);
-    }
-    for (int i = 0; i < TAPS; i++) {
-        core_free(m->head[i]);
-    }
-    core_free(m->alpha);
-    core_free(m->beta);
-    core_free(m);
-}
-
-typedef struct loader {
-    brace_perceptual *metric;
-    metrics_tensor_fn *tensor;
-    void *arg;
-    brace_error *error;
-} loader;
-
-static brace_status check_finite(const float *v, size_t n, const char *name, brace_error *error) {
-    for (size_t i = 0; i < n; i++) {
-        if (!isfinite(v[i])) {
-            return core_fail(error, BRACE_ERROR_FORMAT, "the weights '%s' hold infinite values or NaN", name);
-        }
-    }
-    return BRACE_OK;
-}
-
-/* PREFIX.weight and PREFIX.bias */
-static brace_status load_conv(const loader *l, metrics_weights *w, const char *prefix) {
-    char name[64];
-    const size_t count = w->out * w->in * w->kernel * w->kernel;
-    const size_t shape[4] = {w->out, w->in, w->kernel, w->kernel}, bias_shape[4] = {w->out, 0, 0, 0};
-    float *values = core_alloc(count + w->out, sizeof *values);
-    if (values == NULL) {
-        return core_fail_memory(l->error, count * sizeof *values, "the weights of a network");
-    }
-    snprintf(name, sizeof name, "%s.weight", prefix);
-    brace_status status = l->tensor(l->arg, values, name, shape, l->error);
-    if (status == BRACE_OK) {
-        status = check_finite(values, count, name, l->error);
-    }
-    if (status == BRACE_OK) {
-        snprintf(name, sizeof name, "%s.bias", prefix);
-        status = l->tensor(l->arg, values + count, name, bias_shape, l->error);
-    }
-    if (status == BRACE_OK) {
-        status = check_finite(values + count, w->out, name, l->error);
-    }
-    if (status == BRACE_OK && !metrics_weights_pack(w, l->metric->kernels, values, values + count)) {
-        status = core_fail_memory(l->error, count * sizeof *values, "the weights of a network");
-    }
-    core_free(values);
-    return status;
-}
-
-static brace_status load_layer(const loader *l, layer_weights *w, const layer *y) {
-    char prefix[48];
-    snprintf(prefix, sizeof prefix, "features.%d", y->number);
-    if (y->kind == LAYER_CONV) {
-        w->conv = (metrics_weights){NULL, NULL, y->kernel, y->stride, y->pad, y->in, y->out};
-        return load_conv(l, &w->conv, prefix);
-    }
-    if (y->kind != LAYER_FIRE) {
-        return BRACE_OK;
-    }
-    w->squeeze = (metrics_weights){NULL, NULL, 1, 1, 0, y->in, y->squeeze};
-    w->expand = (metrics_weights){NULL, NULL, 1, 1, 0, y->squeeze, y->out / 2};
-    w->conv = (metrics_weights){NULL, NULL, 3, 1, 1, y->squeeze, y->out / 2};
-    snprintf(prefix, sizeof prefix, "features.%d.squeeze", y->number);
-    brace_status status = load_conv(l, &w->squeeze, prefix);
-    if (status == BRACE_OK) {
-        snprintf(prefix, sizeof prefix, "features.%d.expand1x1", y->number);
-        status = load_conv(l, &w->expand, prefix);
-    }
-    if (status == BRACE_OK) {
-        snprintf(prefix, sizeof prefix, "features.%d.expand3x3", y->number);
-        status = load_conv(l, &w->conv, prefix);
-    }
-    return status;
-}
-
-static brace_status load_vector(const loader *l, float **out, size_t count, const char *name) {
-    const size_t shape[4] = {1, count, 1, 1};
-    *out = core_alloc(count, sizeof **out);
-    if (*out == NULL) {
-        return core_fail_memory(l->error, count * sizeof **out, "the weights of a metric");
-    }
-    brace_status status = l->tensor(l->arg, *out, name, shape, l->error);
-    return status == BRACE_OK ? check_finite(*out, count, name, l->error) : status;
-}
-
-static brace_status load(const loader *l) {
-    brace_perceptual *m = l->metric;
-    const layer *layers = kinds[m->kind].layers;
-    size_t total = 0;
-    if (m->kind == BRACE_DISTS) {
-        m->channels[m->taps++] = 3;
-        total = 3;
-    }
-    for (int i = 0; layers[i].kind != LAYER_END; i++) {
-        brace_status status = load_layer(l, &m->weights[i], &layers[i]);
-        if (status != BRACE_OK) {
-            return status;
-        }
-        if (layers[i].tap) {
-            m->channels[m->taps++] = layers[i].out;
-            total += layers[i].out;
-        }
-    }
-    if (m->kind == BRACE_DISTS) {
-        brace_status status = load_vector(l, &m->alpha, total, "alpha");
-        return status == BRACE_OK ? load_vector(l, &m->beta, total, "beta") : status;
-    }
-    for (size_t t = 0; t < m->taps; t++) {
-        char name[32];
-        snprintf(name, sizeof name, "lin%zu.model.1.weight", t);
-        brace_status status = load_vector(l, &m->head[t], m->channels[t], name);
-        if (status != BRACE_OK) {
-            return status;
-        }
-    }
-    return BRACE_OK;
-}
-
-brace_status metrics_perceptual_create(brace_perceptual **out, brace_perceptual_kind kind, metrics_tensor_fn *tensor,
-                                       void *arg, brace_error *error) {
-    *out = NULL;
-    if ((unsigned)kind >= KINDS) {
-        return core_fail(error, BRACE_ERROR_ARGUMENT, "there is no perceptual metric number %d", (int)kind);
-    }
-    brace_perceptual *m = core_calloc(1, sizeof *m);
-    if (m == NULL) {
-        return core_fail_memory(error, sizeof *m, "a metric");
-    }
-    m->kind = kind;
-    m->kernels = metrics_kernels_for(core_cpu_features());
-    const loader l = {m, tensor, arg, error};
-    brace_status status = load(&l);
-    if (status != BRACE_OK) {
-        brace_perceptual_destroy(m);
-        return status;
-    }
-    *out = m;
-    return BRACE_OK;
-}
 
 /* ---- sums over positions ---- */
 
@@ -279,8 +42,8 @@ typedef struct perceptual_run {
     const brace_job *job;
     brace_image *picture[2];
     metrics_map map[2];
-    size_t x0, y0, x1, y1;      /* this tile's own pixels */
-    size_t left, top;           /* where its halo begins */
+    size_t x0, y0, x1, y1;           /* this tile's own pixels */
+    size_t left, top;                /* where its halo begins */
     double (*sums)[SUMS * CHANNELS]; /* of each piece of rows, while a layer is looked at */
     size_t piece_room;
     /* Results: LPIPS in the first of SUMS, and of the channels. */
@@ -380,7 +143,7 @@ static bool take_tile(perceptual_run *run, int k, bool plain) {
     const size_t right = run->x1 + HALO < in->width ? run->x1 + HALO : in->width;
     const size_t bottom = run->y1 + HALO < in->height ? run->y1 + HALO : in->height;
     metrics_map *map = &run->map[k];
-    if (!metrics_map_create(map, right - run->left, bottom - run->top, 3, kinds[run->metric->kind].border)) {
+    if (!metrics_map_create(map, right - run->left, bottom - run->top, 3, run->metric->network->border)) {
         return false;
     }
     for (size_t y = 0; y < map->height; y++) {
@@ -397,20 +160,20 @@ static bool take_tile(perceptual_run *run, int k, bool plain) {
     return true;
 }
 
-static bool run_layer(perceptual_run *run, int k, const layer *y, const layer_weights *w) {
+static bool run_layer(perceptual_run *run, int k, const metrics_layer *y, const metrics_layer_weights *w) {
     const brace_perceptual *m = run->metric;
     metrics_map in = run->map[k], out = {0}, narrow = {0};
-    const size_t border = kinds[m->kind].border;
+    const size_t border = m->network->border;
     bool good = false;
     switch (y->kind) {
-    case LAYER_CONV:
+    case METRICS_LAYER_CONV:
         good = metrics_map_create(&out, metrics_convolved(in.width, &w->conv), metrics_convolved(in.height, &w->conv),
                                   y->out, border);
         if (good) {
             metrics_convolve(&out, 0, &in, &w->conv, m->kernels, run->pool);
         }
         break;
-    case LAYER_FIRE:
+    case METRICS_LAYER_FIRE:
         good = metrics_map_create(&narrow, in.width, in.height, y->squeeze, border) &&
                metrics_map_create(&out, in.width, in.height, y->out, border);
         if (good) {
@@ -420,21 +183,21 @@ static bool run_layer(perceptual_run *run, int k, const layer *y, const layer_we
         }
         metrics_map_free(&narrow);
         break;
-    case LAYER_MAX:
-        good = metrics_map_create(&out, metrics_max_pooled(in.width, y->kernel, y->stride, kinds[m->kind].ceil),
-                                  metrics_max_pooled(in.height, y->kernel, y->stride, kinds[m->kind].ceil),
-                                  in.channels, border);
+    case METRICS_LAYER_MAX:
+        good = metrics_map_create(&out, metrics_max_pooled(in.width, y->kernel, y->stride, m->network->ceil),
+                                  metrics_max_pooled(in.height, y->kernel, y->stride, m->network->ceil), in.channels,
+                                  border);
         if (good) {
             metrics_max_pool(&out, &in, y->kernel, y->stride, run->pool);
         }
         break;
-    case LAYER_L2:
+    case METRICS_LAYER_L2:
         good = metrics_map_create(&out, (in.width + 1) / 2, (in.height + 1) / 2, in.channels, border);
         if (good) {
             metrics_l2_pool(&out, &in, run->pool);
         }
         break;
-    case LAYER_END:
+    case METRICS_LAYER_END:
         break;
     }
     metrics_map_free(&in);
@@ -444,7 +207,7 @@ static bool run_layer(perceptual_run *run, int k, const layer *y, const layer_we
 
 static brace_status run_tile(perceptual_run *run, brace_error *error) {
     const brace_perceptual *m = run->metric;
-    const layer *layers = kinds[m->kind].layers;
+    const metrics_layer *layers = m->network->layers;
     size_t tap = 0, stride = 1;
     brace_status status = BRACE_OK;
     run->left = run->x0 > HALO ? run->x0 - HALO : 0;
@@ -460,7 +223,7 @@ static brace_status run_tile(perceptual_run *run, brace_error *error) {
             status = add_positions(run, tap++, 1, error);
         }
     }
-    for (int i = 0; layers[i].kind != LAYER_END && status == BRACE_OK; i++) {
+    for (int i = 0; layers[i].kind != METRICS_LAYER_END && status == BRACE_OK; i++) {
         for (int k = 0; k < 2 && status == BRACE_OK; k++) {
             if (!run_layer(run, k, &layers[i], &m->weights[i])) {
                 status = core_fail_memory(error, (size_t)1 << 28, "the features of a picture");
@@ -516,7 +279,8 @@ static size_t tile_side(size_t side, size_t other) {
 
 static brace_status run_tiles(perceptual_run *run, size_t tile, brace_error *error) {
     const size_t width = run->picture[0]->width, height = run->picture[0]->height;
-    const size_t step_x = tile > 0 ? tile : tile_side(width, height), step_y = tile > 0 ? tile : tile_side(height, width);
+    const size_t step_x = tile > 0 ? tile : tile_side(width, height),
+                 step_y = tile > 0 ? tile : tile_side(height, width);
     const uint64_t total = (uint64_t)((width + step_x - 1) / step_x) * ((height + step_y - 1) / step_y);
     uint64_t done = 0;
     brace_status status = BRACE_OK;
@@ -541,10 +305,10 @@ brace_status metrics_perceptual_distance(double *out, const brace_perceptual *me
     run->job = job;
     brace_status status = metrics_take(run->picture, a, b, error);
     if (status == BRACE_OK && (run->picture[0]->width < SMALLEST || run->picture[0]->height < SMALLEST)) {
-        status = core_fail(error, BRACE_ERROR_ARGUMENT,
-                           "the pictures are too small for %s: %u x %u pixels, at least %d a side are needed",
-                           brace_perceptual_name(metric->kind), run->picture[0]->width, run->picture[0]->height,
-                           SMALLEST);
+        status =
+            core_fail(error, BRACE_ERROR_ARGUMENT,
+                      "the pictures are too small for %s: %u x %u pixels, at least %d a side are needed",
+                      brace_perceptual_name(metric->kind), run->picture[0]->width, run->picture[0]->height, SMALLEST);
     }
     if (status == BRACE_OK) {
         status = core_pool_create(&run->pool, job, error);

@@ -50,13 +50,56 @@ size_t metrics_max_pooled(size_t size, size_t kernel, size_t stride, bool ceil);
 /* sqrt(1e-12 + [1 2 1] x [1 2 1] / 16 filtered squares), every second pixel. */
 void metrics_l2_pool(const metrics_map *out, const metrics_map *in, core_pool *pool);
 
-/* ---- the metrics (perceptual.c) ---- */
+/* ---- networks and their weights (network.c) ---- */
+
+enum { METRICS_TAPS = 7, METRICS_CHANNELS = 512, METRICS_LAYERS = 20 }; /* of a network, at most */
+
+typedef enum metrics_layer_kind {
+    METRICS_LAYER_END = 0,
+    METRICS_LAYER_CONV,
+    METRICS_LAYER_FIRE,
+    METRICS_LAYER_MAX,
+    METRICS_LAYER_L2
+} metrics_layer_kind;
+
+typedef struct metrics_layer {
+    metrics_layer_kind kind;
+    int number; /* of the layer in torchvision's `features` */
+    size_t kernel, stride, pad, in, out;
+    size_t squeeze; /* channels of a fire module between its convolutions; `out` is both halves */
+    bool tap;
+} metrics_layer;
+
+typedef struct metrics_network {
+    const char *name;
+    const metrics_layer *layers; /* ends with METRICS_LAYER_END */
+    size_t border;               /* the widest padding */
+    bool ceil;                   /* of the pools */
+} metrics_network;
+
+typedef struct metrics_layer_weights {
+    metrics_weights conv; /* or a fire module's 3x3 half */
+    metrics_weights squeeze, expand;
+} metrics_layer_weights;
+
+struct brace_perceptual {
+    brace_perceptual_kind kind;
+    const metrics_network *network;
+    const metrics_kernels *kernels;
+    metrics_layer_weights weights[METRICS_LAYERS];
+    float *head[METRICS_TAPS];         /* LPIPS */
+    float *alpha, *beta;               /* DISTS: one after another for all stages */
+    size_t channels[METRICS_TAPS + 1]; /* of the taps; DISTS begins with the picture's 3 */
+    size_t taps;
+};
 
 /* Gives `count` numbers of the tensor `name` of the shape out, in, kernel, kernel (0: rank 1). */
 typedef brace_status metrics_tensor_fn(void *arg, float *values, const char *name, const size_t shape[4],
                                        brace_error *error);
 brace_status metrics_perceptual_create(brace_perceptual **out, brace_perceptual_kind kind, metrics_tensor_fn *tensor,
                                        void *arg, brace_error *error);
+
+/* ---- the metrics (perceptual.c) ---- */
 
 /* As brace_perceptual_distance, in tiles of this size (a multiple of 16; 0: as large as memory should be). */
 brace_status metrics_perceptual_distance(double *out, const brace_perceptual *metric, const brace_image *a,

@@ -25,8 +25,9 @@ static const published squeezenet = {{"squeezenet1_1-b8a52dc0.pth", "squeezenet1
 static const published alex_head = {{"alex.pth", NULL, NULL}, LPIPS "alex.pth"};
 static const published vgg_head = {{"vgg.pth", NULL, NULL}, LPIPS "vgg.pth"};
 static const published squeeze_head = {{"squeeze.pth", NULL, NULL}, LPIPS "squeeze.pth"};
-static const published dists_head = {{"weights.pt", "dists_weights.pt", NULL},
-                                     "https://raw.githubusercontent.com/dingkeyan93/DISTS/master/DISTS_pytorch/weights.pt"};
+static const published dists_head = {
+    {"weights.pt", "dists_weights.pt", NULL},
+    "https://raw.githubusercontent.com/dingkeyan93/DISTS/master/DISTS_pytorch/weights.pt"};
 
 /* The network's file, and the metric's own. */
 static const published *const files[][2] = {

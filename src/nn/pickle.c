@@ -245,10 +245,11 @@ static void push_name(machine *m, const char *module, size_t module_length, cons
     printable(a, module, module_length);
     printable(b, name, length);
     if (m->status == BRACE_OK) {
-        m->status = core_fail(m->error, BRACE_ERROR_UNSUPPORTED,
-                              "%s: it asks for '%s.%s', which BRACE does not know; only files of plain tensors are read, "
-                              "and nothing in them is ever executed",
-                              m->name, a, b);
+        m->status =
+            core_fail(m->error, BRACE_ERROR_UNSUPPORTED,
+                      "%s: it asks for '%s.%s', which BRACE does not know; only files of plain tensors are read, "
+                      "and nothing in them is ever executed",
+                      m->name, a, b);
     }
 }
 

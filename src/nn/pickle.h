@@ -15,7 +15,7 @@
 #include "core/core.h"
 #include "core/safetensors.h"
 
-#define NN_PICKLE_SIZE ((size_t)16 << 20) /* the longest pickle that is read */
+#define NN_PICKLE_SIZE ((size_t)16 << 20)  /* the longest pickle that is read */
 #define NN_PICKLE_VALUES ((size_t)1 << 20) /* that one may make */
 
 typedef enum nn_kind {
@@ -73,7 +73,7 @@ typedef struct nn_pickle nn_pickle;
  * error sentences. */
 brace_status nn_pickle_read(nn_pickle **out, size_t *used, const void *data, size_t size, const char *name,
                             brace_error *error);
-void nn_pickle_destroy(nn_pickle *pickle);                /* NULL is allowed */
+void nn_pickle_destroy(nn_pickle *pickle);                 /* NULL is allowed */
 const nn_value *nn_pickle_result(const nn_pickle *pickle); /* lives as long as the pickle; may contain itself */
 
 bool nn_text_is(const nn_value *value, const char *text);

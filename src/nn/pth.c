@@ -38,7 +38,7 @@ struct nn_pth {
     storage *storages;
     size_t storage_count, storage_room;
     size_t buckets[BUCKETS]; /* storages by key, from 1 */
-    void **copies; /* tensors that did not lie in one piece */
+    void **copies;           /* tensors that did not lie in one piece */
     size_t copy_count, copy_room;
     size_t budget; /* bytes that copies and unpacked storages may still take */
 };
@@ -49,7 +49,7 @@ typedef struct reader {
     size_t size;
     const char *name;
     brace_error *error;
-    nn_zip *zip; /* NULL: the old format */
+    nn_zip *zip;        /* NULL: the old format */
     const char *folder; /* of the archive, with its slash */
     size_t folder_length;
     size_t values; /* looked at */
@@ -135,8 +135,8 @@ static brace_status read_zip_storage(reader *r, storage *s) {
         e = nn_zip_find(r->zip, path, r->folder_length + 5 + s->length);
     }
     if (e == NULL || e->size != bytes) {
-        return core_fail(r->error, BRACE_ERROR_FORMAT, "%s: the numbers of a tensor are missing, or not as many as it says",
-                         r->name);
+        return core_fail(r->error, BRACE_ERROR_FORMAT,
+                         "%s: the numbers of a tensor are missing, or not as many as it says", r->name);
     }
     s->data = e->data;
     if (e->deflated) {
@@ -175,11 +175,8 @@ static brace_status add_storage(reader *r, const nn_value *value) {
     file->storages = grown;
     s = &file->storages[file->storage_count++];
     size_t *bucket = &file->buckets[bucket_of(key, length)];
-    *s = (storage){.key = key,
-                   .length = length,
-                   .dtype = value->storage.dtype,
-                   .count = value->storage.count,
-                   .next = *bucket};
+    *s = (storage){
+        .key = key, .length = length, .dtype = value->storage.dtype, .count = value->storage.count, .next = *bucket};
     *bucket = file->storage_count;
     return r->zip != NULL ? read_zip_storage(r, s) : BRACE_OK;
 }
@@ -360,8 +357,9 @@ static brace_status read_zip(reader *r) {
     const nn_zip_entry *e = nn_zip_find_last_part(r->zip, "data.pkl");
     const nn_zip_entry *order = nn_zip_find_last_part(r->zip, "byteorder");
     if (nn_zip_find_last_part(r->zip, "constants.pkl") != NULL) {
-        status = core_fail(r->error, BRACE_ERROR_UNSUPPORTED,
-                           "%s: this is a program (TorchScript) and not only weights; save its state_dict instead", r->name);
+        status =
+            core_fail(r->error, BRACE_ERROR_UNSUPPORTED,
+                      "%s: this is a program (TorchScript) and not only weights; save its state_dict instead", r->name);
     } else if (e == NULL) {
         status = core_fail(r->error, BRACE_ERROR_FORMAT, "%s: an archive, but not of PyTorch tensors", r->name);
     } else if (order != NULL && !(order->size == 6 && !order->deflated && memcmp(order->data, "little", 6) == 0)) {
@@ -396,7 +394,8 @@ static brace_status read_zip(reader *r) {
 
 /* ---- the old format: magic number, version, system, the object, the keys of its storages; then the storages ---- */
 
-static const unsigned char magic[] = {0x80, 2, 0x8a, 10, 0x6c, 0xfc, 0x9c, 0x46, 0xf9, 0x20, 0x6a, 0xa8, 0x50, 0x19, '.'};
+static const unsigned char magic[] = {0x80, 2,    0x8a, 10,   0x6c, 0xfc, 0x9c, 0x46,
+                                      0xf9, 0x20, 0x6a, 0xa8, 0x50, 0x19, '.'};
 
 /* For each key, 8 bytes with the number of elements, and these. */
 static brace_status read_old_storages(reader *r, const nn_value *keys, size_t at) {
@@ -405,15 +404,16 @@ static brace_status read_old_storages(reader *r, const nn_value *keys, size_t at
         storage *s = key->kind == NN_TEXT ? find_storage(r->file, key->text.start, key->text.length) : NULL;
         uint64_t count = 0;
         if (s == NULL) {
-            return core_fail(r->error, BRACE_ERROR_UNSUPPORTED, "%s: it holds numbers that belong to no tensor", r->name);
+            return core_fail(r->error, BRACE_ERROR_UNSUPPORTED, "%s: it holds numbers that belong to no tensor",
+                             r->name);
         }
         if (r->size - at >= 8) {
             memcpy(&count, r->data + at, 8);
         }
         const size_t size = core_dtype_size(s->dtype);
         if (r->size - at < 8 || count != s->count || count > (r->size - at - 8) / size) {
-            return core_fail(r->error, BRACE_ERROR_FORMAT, "%s: damaged, or cut off: the numbers of a tensor are missing",
-                             r->name);
+            return core_fail(r->error, BRACE_ERROR_FORMAT,
+                             "%s: damaged, or cut off: the numbers of a tensor are missing", r->name);
         }
         s->data = r->data + at + 8;
         at += 8 + (size_t)count * size;

@@ -115,7 +115,8 @@ static bool read_entry(nn_zip_entry *e, const unsigned char *data, size_t size, 
     if (head > size - local || stored > size - local - head) {
         return false;
     }
-    if ((flags & 1) != 0 || (method != 0 && method != 8) || (method == 0 && stored != unpacked) || unpacked > LONG_MAX) {
+    if ((flags & 1) != 0 || (method != 0 && method != 8) || (method == 0 && stored != unpacked) ||
+        unpacked > LONG_MAX) {
         return false;
     }
     e->data = data + local + head;

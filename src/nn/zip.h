@@ -22,7 +22,7 @@ typedef struct nn_zip nn_zip;
 bool nn_zip_is(const void *data, size_t size); /* begins like one */
 /* Reads and checks the directory; `name` begins error sentences. `data` must stay. Checksums are not verified. */
 brace_status nn_zip_open(nn_zip **out, const void *data, size_t size, const char *name, brace_error *error);
-void nn_zip_close(nn_zip *zip); /* NULL is allowed */
+void nn_zip_close(nn_zip *zip);                                                      /* NULL is allowed */
 const nn_zip_entry *nn_zip_find(const nn_zip *zip, const char *name, size_t length); /* NULL: none */
 /* The one entry whose last part is `name`; NULL: none, or several. */
 const nn_zip_entry *nn_zip_find_last_part(const nn_zip *zip, const char *name);

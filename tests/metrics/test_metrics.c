@@ -119,8 +119,10 @@ static void test_swd_vectors(void **state) {
     static const char *const sets[] = {"plain", "avx2", "avx512"};
     for (size_t i = 0; i < sizeof swd_vectors / sizeof *swd_vectors; i++) {
         uint32_t w = swd_vectors[i].width, h = swd_vectors[i].height, c = swd_vectors[i].channels;
-        brace_image *a = picture(w, h, c, c, 1, swd_vectors[i].noise), *b = picture(w, h, c, c, 2, swd_vectors[i].noise);
-        const brace_ms_swd_params params = {swd_vectors[i].scales, swd_vectors[i].projections, swd_vectors[i].seed, {0}};
+        brace_image *a = picture(w, h, c, c, 1, swd_vectors[i].noise),
+                    *b = picture(w, h, c, c, 2, swd_vectors[i].noise);
+        const brace_ms_swd_params params = {
+            swd_vectors[i].scales, swd_vectors[i].projections, swd_vectors[i].seed, {0}};
         for (size_t s = 0; s < sizeof sets / sizeof *sets; s++) {
             assert_int_equal(setenv("BRACE_CPU", sets[s], 1), 0);
             double first = 0;
@@ -240,12 +242,8 @@ static void test_swd_edges(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_swd_vectors),
-        cmocka_unit_test(test_wasserstein),
-        cmocka_unit_test(test_swd_edges),
-        cmocka_unit_test(test_vectors),
-        cmocka_unit_test(test_equal),
-        cmocka_unit_test(test_refused),
+        cmocka_unit_test(test_swd_vectors), cmocka_unit_test(test_wasserstein), cmocka_unit_test(test_swd_edges),
+        cmocka_unit_test(test_vectors),     cmocka_unit_test(test_equal),       cmocka_unit_test(test_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

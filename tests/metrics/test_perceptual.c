@@ -110,7 +110,8 @@ static void test_tiles(void **state) {
         assert_int_equal(metrics_perceptual_distance(&whole, metric, a, b, 0, &five, NULL), BRACE_OK);
         assert_int_equal(metrics_perceptual_distance(&tiled, metric, a, b, slow ? 144 : 96, &one, NULL), BRACE_OK);
         if (!(fabs(whole - tiled) < 1e-6 * whole)) {
-            fail_msg("%s: %.10g whole, %.10g in tiles", brace_perceptual_name((brace_perceptual_kind)kind), whole, tiled);
+            fail_msg("%s: %.10g whole, %.10g in tiles", brace_perceptual_name((brace_perceptual_kind)kind), whole,
+                     tiled);
         }
         if (!slow) {
             assert_int_equal(metrics_perceptual_distance(&other, metric, a, b, 96, &five, NULL), BRACE_OK);
@@ -185,7 +186,8 @@ static void test_missing(void **state) {
     brace_error error;
     unsetenv("BRACE_WEIGHTS");
     for (int kind = 0; kind < 4; kind++) {
-        assert_int_equal(brace_perceptual_load(&metric, (brace_perceptual_kind)kind, "/nowhere", &error), BRACE_ERROR_IO);
+        assert_int_equal(brace_perceptual_load(&metric, (brace_perceptual_kind)kind, "/nowhere", &error),
+                         BRACE_ERROR_IO);
         assert_non_null(strstr(error.message, says[kind]));
         assert_non_null(strstr(error.message, "/nowhere"));
         assert_int_equal(brace_perceptual_load(&metric, (brace_perceptual_kind)kind, NULL, &error), BRACE_ERROR_IO);

@@ -96,8 +96,8 @@ static const struct {
     {"state_dict.u8", CORE_U8, 1, {7, 0, 0}, 6, {0}},
     {"state_dict.bool", CORE_U8, 1, {4, 0, 0}, 0, {1, 0, 1, 0}},
     {"state_dict.shared.all", CORE_F32, 3, {2, 3, 4}, 8, {0}},
-    {"state_dict.shared.turned", CORE_F32, 3, {4, 2, 3}, 8,
-     {0, 4, 8, 12, 16, 20, 1, 5, 9, 13, 17, 21, 2, 6, 10, 14, 18, 22, 3, 7, 11, 15, 19, 23}},
+    {"state_dict.shared.turned", CORE_F32, 3, {4, 2, 3}, 8, {0, 4, 8,  12, 16, 20, 1, 5, 9,  13, 17, 21,
+                                                             2, 6, 10, 14, 18, 22, 3, 7, 11, 15, 19, 23}},
     {"state_dict.shared.part", CORE_F32, 1, {4, 0, 0}, 13, {0}},
     {"state_dict.shared.column", CORE_F32, 1, {6, 0, 0}, 8, {1, 5, 9, 13, 17, 21}},
     {"state_dict.scalar", CORE_F32, 0, {0, 0, 0}, 9, {0}},
@@ -244,7 +244,7 @@ static void test_pickles(void **state) {
         CASE("\x8c\2os\x8c\6system\x93.", BRACE_ERROR_UNSUPPORTED, "os.system"),
         CASE("c\xff\n\x1b[1m\n.", BRACE_ERROR_UNSUPPORTED, "'?.?[1m'"),
         CASE("cos\nsystem", BRACE_ERROR_FORMAT, ""),
-        CASE("i", BRACE_ERROR_UNSUPPORTED, "0x69"),   /* INST */
+        CASE("i", BRACE_ERROR_UNSUPPORTED, "0x69"),    /* INST */
         CASE("\x81", BRACE_ERROR_UNSUPPORTED, "0x81"), /* NEWOBJ */
         CASE("NNR.", BRACE_ERROR_FORMAT, ""),
         CASE("ctorch\nFloatStorage\n)R.", BRACE_ERROR_FORMAT, ""),
@@ -279,7 +279,8 @@ static void test_pickles(void **state) {
         CASE(VIEW STORE "K\6tQK\0(\x8a\10\0\0\0\0\0\0\0\x40\x8a\10\0\0\0\0\0\0\0\x40t(K\0K\0ttR.", BRACE_ERROR_FORMAT,
              "larger"),
         CASE(VIEW STORE "K\6tQK\0(K\3t(\x8a\10\0\0\0\0\0\0\0\x40ttR.", BRACE_ERROR_FORMAT, "larger"),
-        CASE(VIEW STORE "K\6tQK\0(K\1K\1K\1K\1K\1K\1K\1K\1K\1t(K\1K\1K\1K\1K\1K\1K\1K\1K\1ttR.", BRACE_ERROR_FORMAT, ""),
+        CASE(VIEW STORE "K\6tQK\0(K\1K\1K\1K\1K\1K\1K\1K\1K\1t(K\1K\1K\1K\1K\1K\1K\1K\1K\1ttR.", BRACE_ERROR_FORMAT,
+             ""),
         CASE(VIEW "NK\0(K\1t(K\1ttR.", BRACE_ERROR_FORMAT, ""),
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
@@ -320,8 +321,7 @@ static void test_bombs(void **state) {
     static const char none[] = "}.";
     assert_int_equal(old_file(none, sizeof none - 1, &error), BRACE_ERROR_UNSUPPORTED);
     /* Storage 0 once with six, once with five numbers. */
-    static const char disagree[] =
-        "}U\1a" VIEW STORE "K\6tQK\0(K\2t(K\1ttRsU\1b" VIEW STORE "K\5tQK\0(K\2t(K\1ttRs.";
+    static const char disagree[] = "}U\1a" VIEW STORE "K\6tQK\0(K\2t(K\1ttRsU\1b" VIEW STORE "K\5tQK\0(K\2t(K\1ttRs.";
     assert_int_equal(old_file(disagree, sizeof disagree - 1, &error), BRACE_ERROR_FORMAT);
     /* One number spread over 2^40 places. */
     static const char spread[] = "}U\1a" VIEW STORE "K\6tQK\0(\x8a\6\0\0\0\0\0\1t(K\0ttRs.";
@@ -400,7 +400,7 @@ static void test_memory(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_files),   cmocka_unit_test(test_small), cmocka_unit_test(test_truncated),
+        cmocka_unit_test(test_files),   cmocka_unit_test(test_small),   cmocka_unit_test(test_truncated),
         cmocka_unit_test(test_flipped), cmocka_unit_test(test_pickles), cmocka_unit_test(test_bombs),
         cmocka_unit_test(test_memory),
     };
