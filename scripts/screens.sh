@@ -8,12 +8,13 @@
 #   --work   where packages and intermediate pictures are kept, 3 GB (default: FOLDER.work);
 #            what is there from an interrupted run is used again
 #   --limit  at most N screens of each category, to try it out
+# The few that ship in data/screens are made by screens/shipped.py.
 # Categories: art chart cjk code doc doc2 game pattern sheet static text UI web web2
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 
 usage() {
-    sed -n '3,13s/^# \{0,1\}//p' "$0"
+    sed -n '3,14s/^# \{0,1\}//p' "$0"
     exit "$1"
 }
 out= work= jobs=$(nproc) limit=0 categories=()

@@ -10,19 +10,25 @@ _brace()
     local raw='@(dng|DNG|3fr|3FR|arw|ARW|cr2|CR2|cr3|CR3|crw|CRW|nef|NEF|nrw|NRW|orf|ORF|pef|PEF|raf|RAF|raw|RAW|rw2|RW2|rwl|RWL|srw|SRW)'
 
     if [[ $COMP_CWORD -eq 1 ]]; then
-        mapfile -t COMPREPLY < <(compgen -W 'restore info metrics simulate dataset help --help --version' -- "$cur")
+        mapfile -t COMPREPLY < <(compgen -W 'restore info metrics simulate dataset bench help --help --version' -- "$cur")
         return
     fi
     command=${COMP_WORDS[1]}
     if [[ $command == help ]]; then
-        mapfile -t COMPREPLY < <(compgen -W 'restore info metrics simulate dataset' -- "$cur")
+        mapfile -t COMPREPLY < <(compgen -W 'restore info metrics simulate dataset bench' -- "$cur")
         return
     fi
 
     if [[ $command == simulate ]]; then
         if [[ $cur == -* ]]; then
-            mapfile -t COMPREPLY < <(compgen -W '--output --sheet --explain --display --camera --size --count --seed --time
-                --iso --level --distance --field --no-noise --no-tremor --no-lens --threads --quiet --help' -- "$cur")
+            mapfile -t COMPREPLY < <(compgen -W '--output --sheet --explain --list --display --camera --size --count --seed
+                --time --iso --level --distance --set --off --scene --field --threads --quiet --help' -- "$cur")
+        elif [[ ${COMP_WORDS[COMP_CWORD - 1]} == --off ]]; then
+            mapfile -t COMPREPLY < <(compgen -W 'pose tremor distortion psf defocus glare vignetting ambient clutter
+                nonuniformity noise all' -- "$cur")
+        elif [[ ${COMP_WORDS[COMP_CWORD - 1]} == --set ]]; then
+            compopt -o nospace
+            mapfile -t COMPREPLY < <(compgen -S = -W "$(brace simulate --list 2>/dev/null | awk 'seen { print $1 } $1 == "NAME" { seen = 1 }')" -- "$cur")
         else
             compopt -o filenames
             mapfile -t COMPREPLY < <(compgen -f -- "$cur")
@@ -60,6 +66,18 @@ _brace()
         else
             compopt -o filenames
             mapfile -t COMPREPLY < <(compgen -d -- "$cur")
+        fi
+        return
+    fi
+
+    if [[ $command == bench ]]; then
+        if [[ $COMP_CWORD -eq 2 ]]; then
+            mapfile -t COMPREPLY < <(compgen -W 'sim --help' -- "$cur")
+        elif [[ $cur == -* ]]; then
+            mapfile -t COMPREPLY < <(compgen -W '--display --camera --size --hand --quick --json --quiet --help' -- "$cur")
+        else
+            compopt -o filenames
+            mapfile -t COMPREPLY < <(compgen -f -- "$cur")
         fi
         return
     fi

@@ -38,18 +38,24 @@ typedef struct brace_simulate_params {
     double iso;             /* 10 to 1e6; 0: sampled */
     double level;           /* signal of white in the middle frame, 1 just clips; 0: sampled */
     double distance;        /* of the camera, in widths of the screen; 0: sampled */
-    bool no_noise;          /* a sensor without noise */
-    bool no_tremor;         /* a tripod */
-    bool no_lens;           /* no blur, glare, vignetting or distortion */
-    bool field;             /* ambient light, defocus, an uneven sensor; the truth is a photograph, too, of 8
-                             * times the exposure time at an eighth of the ISO */
+    bool field;             /* ambient light, defocus, clutter, uneven panel and sensor are sampled; the truth is a
+                             * photograph, too, of 8 times the exposure time at an eighth of the ISO */
+    const char *scene;      /* JSON file: a capture's `meta`, which gives the same capture again (with its display and
+                             * camera, where those are NULL here), or a scene alone; what it holds is not sampled. NULL:
+                             * none */
+    const char *const *set; /* set_count settings "NAME=VALUE" of any quantity of a scene, such as "psf=1.2";
+                             * docs/simulator.md and `brace simulate --list` have the names */
+    size_t set_count;
+    const char *off; /* effects to leave out, such as "noise,tremor", or "all"; NULL: none */
     uint32_t reserved[8];
 } brace_simulate_params;
 
 typedef struct brace_simulated {
     size_t count;
     brace_frame *frames[BRACE_BRACKET_MAX]; /* shortest first */
-    brace_frame *truth; /* the middle frame under steady light of the same mean, without noise and motion blur */
+    brace_frame *truth; /* the middle frame under steady light of the same mean, without noise and motion blur;
+                         * in the field as a photograph of long exposure */
+    brace_frame *exact; /* the same where `truth` is a photograph (field), otherwise NULL */
     char *meta;         /* everything that was set or sampled: one JSON object */
 } brace_simulated;
 

@@ -58,15 +58,13 @@ def fingerprint(path):
     return small
 
 
-def distinct(paths):
-    """Leaves out every picture that looks like one before it, and copies of the same bytes."""
-    prints, kept = [], []
+def distinct(paths, prints):
+    """Leaves out every picture that looks like one before it, of any category, and copies of the same bytes."""
+    kept = []
     for path in paths:
         own = fingerprint(path)
-        if prints:
-            likeness = np.stack(prints) @ own
-            if likeness.max() > 0.985:
-                continue
+        if max((float(other @ own) for other in prints), default=0) > 0.985:
+            continue
         prints.append(own)
         kept.append(path)
     return kept
@@ -96,10 +94,10 @@ def main():
                 print('screens: left out ' + problem, file=sys.stderr)
             if n % 100 == 99:
                 print('screens: %d of %d' % (n + 1, len(ALL)), flush=True)
-    paths = []
+    paths, prints = [], []
     for category, some in itertools.groupby((i for i, g in zip(ALL, good) if g), key=lambda i: i.category):
         made = [i.path(WORK) for i in some]
-        kept = distinct(made)
+        kept = distinct(made, prints)
         print('screens: %-8s %4d, %d near-duplicates left out' % (category, len(kept), len(made) - len(kept)))
         paths += [(category, p) for p in kept]
     os.makedirs(out, exist_ok=True)

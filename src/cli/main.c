@@ -15,6 +15,7 @@ static const cli_command commands[] = {
     {"metrics", "how far pictures are from the truth: PSNR, SSIM, MS-SWD, LPIPS, DISTS, SFC", cli_metrics},
     {"simulate", "photographs of a display: a screenshot in, a bracket of RAW frames out", cli_simulate},
     {"dataset", "training sets: build, pack, verify, info, import", cli_dataset},
+    {"bench", "how fast BRACE is on this computer", cli_bench},
 };
 enum { COMMANDS = sizeof commands / sizeof commands[0] };
 

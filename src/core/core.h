@@ -116,6 +116,7 @@ double core_seconds(void); /* monotonic clock */
 /* ---- CPU (cpu.c) ---- */
 typedef struct core_cpu {
     bool avx2, avx512, f16c; /* avx2 implies fma; avx512 is F, BW, DQ, VL */
+    bool sha;                /* with SSE 4.1 */
 } core_cpu;
 /* What may be used: CPUID and the operating system, lowered by BRACE_CPU=plain|avx2|avx512. */
 core_cpu core_cpu_features(void);

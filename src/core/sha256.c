@@ -10,7 +10,7 @@
 #include <string.h>
 #include <unistd.h>
 
-static const uint32_t k[64] = {
+const uint32_t core_sha256_k[64] = {
     0x428a2f98, 0x71374491, 0xb5c0fbcf, 0xe9b5dba5, 0x3956c25b, 0x59f111f1, 0x923f82a4, 0xab1c5ed5, 0xd807aa98, 0x12835b01,
     0x243185be, 0x550c7dc3, 0x72be5d74, 0x80deb1fe, 0x9bdc06a7, 0xc19bf174, 0xe49b69c1, 0xefbe4786, 0x0fc19dc6, 0x240ca1cc,
     0x2de92c6f, 0x4a7484aa, 0x5cb0a9dc, 0x76f988da, 0x983e5152, 0xa831c66d, 0xb00327c8, 0xbf597fc7, 0xc6e00bf3, 0xd5a79147,
@@ -31,6 +31,7 @@ static inline void round_of(uint32_t a, uint32_t b, uint32_t c, uint32_t *d, uin
 }
 
 static void add_block(uint32_t state[8], const unsigned char *p) {
+    const uint32_t *k = core_sha256_k;
     uint32_t w[64], s[8];
     for (int i = 0; i < 16; i++) {
         w[i] = (uint32_t)p[4 * i] << 24 | (uint32_t)p[4 * i + 1] << 16 | (uint32_t)p[4 * i + 2] << 8 | p[4 * i + 3];
@@ -57,11 +58,24 @@ static void add_block(uint32_t state[8], const unsigned char *p) {
     }
 }
 
+static void add_blocks(core_sha256 *hash, const unsigned char *p, size_t blocks) {
+#if defined(__x86_64__)
+    if (hash->ni) {
+        core_sha256_blocks_ni(hash->state, p, blocks);
+        return;
+    }
+#endif
+    for (; blocks > 0; blocks--, p += 64) {
+        add_block(hash->state, p);
+    }
+}
+
 void core_sha256_begin(core_sha256 *hash) {
     static const uint32_t first[8] = {0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a,
                                       0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19};
     memcpy(hash->state, first, sizeof first);
     hash->length = 0;
+    hash->ni = core_cpu_features().sha;
 }
 
 void core_sha256_add(core_sha256 *hash, const void *data, size_t size) {
@@ -76,11 +90,11 @@ void core_sha256_add(core_sha256 *hash, const void *data, size_t size) {
         if (have + n < 64) {
             return;
         }
-        add_block(hash->state, hash->block);
+        add_blocks(hash, hash->block, 1);
     }
-    for (; size >= 64; p += 64, size -= 64) {
-        add_block(hash->state, p);
-    }
+    add_blocks(hash, p, size / 64);
+    p += size / 64 * 64;
+    size %= 64;
     if (size > 0) {
         memcpy(hash->block, p, size);
     }

@@ -9,8 +9,13 @@
  * banding what the gains left unexplained; blur what misalignment and motion
  * blur do where L changes by dL from pixel to pixel, where the reference, which has neither, is the authority;
  * excess by how far a frame disagrees with the reference along a few pixels of
- * the row, beyond what the errors of both allow: something moved, or the frame
- * was not aligned.
+ * the row, on the whole or pixel by pixel, beyond what the errors of both allow:
+ * something moved, the frame was not aligned, or it is blurred.
+ *
+ * A sample of the reference that clips still says where the light is to be looked
+ * for: at the clipping level, give or take half of it. Shorter frames that measured
+ * it better overrule that at once; those that flicker wildly, and may have seen
+ * nothing at all or a flash, don't.
  */
 #include <math.h>
 #include <string.h>
@@ -69,13 +74,17 @@ static void fuse_rows(void *arg, size_t begin, size_t end, int worker) {
                 v4 trust = v4_trust(view->trust + 4 * k);
                 v4 variance = noise[i] + w[i] + v4_set(view->blur * view->blur) * edge;
                 if (i != job->reference) {
-                    v4 d = v4_set(0);
-                    for (size_t j = 0; j < 5; j++)
-                        d += steady[i * pitch + x + j] - steady[job->reference * pitch + x + j];
-                    d *= v4_set(0.2f);
-                    v4 expected = (noise[i] + noise[job->reference]) * v4_set(0.2f) + w[i] + w[job->reference];
-                    v4 excess = v4_max(d * d - v4_set(4) * expected, v4_set(0));
-                    variance += v4_set(4) * excess * reference_trust;
+                    v4 d = v4_set(0), each = v4_set(0);
+                    for (size_t j = 0; j < 5; j++) {
+                        v4 e = steady[i * pitch + x + j] - steady[job->reference * pitch + x + j];
+                        d += e, each += e * e;
+                    }
+                    d *= v4_set(0.2f), each *= v4_set(0.2f);
+                    v4 random = noise[i] + noise[job->reference], common = w[i] + w[job->reference];
+                    v4 excess = v4_max(d * d - v4_set(4) * (random * v4_set(0.2f) + common), v4_set(0));
+                    /* The mean of five squares is seldom above 2.2 times what is expected. */
+                    v4 unlike = v4_max(each - v4_set(2.2f) * (random + common), v4_set(0));
+                    variance += (v4_set(4) * excess + unlike) * reference_trust;
                 }
                 w[i] = trust / variance;
                 sum += w[i] * steady[i * pitch + x + 2];
@@ -87,6 +96,12 @@ static void fuse_rows(void *arg, size_t begin, size_t end, int worker) {
                 bool known = weight[c] > 0;
                 /* Clipped in every frame: at least as bright as the shortest one can tell. */
                 value[c] = known ? sum[c] / weight[c] : job->views[0].light.at[k][c];
+                if (known && reference_trust[c] == 0) {
+                    const float clipped = steady[job->reference * pitch + x + 2][c];
+                    const float w_clipped = 4 / (clipped * clipped + 1e-6f);
+                    value[c] = (weight[c] * value[c] + w_clipped * clipped) / (weight[c] + w_clipped);
+                    weight[c] += w_clipped;
+                }
                 precision[c] = known ? weight[c] : 1 / (value[c] * value[c] + 1e-10f);
                 float banding = 0;
                 for (size_t i = 0; i < count && known; i++) {

@@ -12,6 +12,12 @@
  * there. How far rows, zones of a row and colours share their light is itself
  * measured: estimates are shrunk towards the coarser level by empirical Bayes.
  *
+ * A longer frame may also be blurred by the hand, and lines of text smeared over
+ * rows look like banding. So each frame is compared with the next shorter one
+ * too, as they are: light that was unsteady during an exposure was no steadier
+ * during a shorter one at another time, and must show as a difference of the two.
+ * What does not is not believed.
+ *
  * Rows in which every longer frame clips altogether (a white page) are left to
  * periodic.c.
  */
@@ -35,6 +41,7 @@ static const double independent = 0.3;
 typedef struct light_job {
     restore_view *view;
     restore_picture *sum, *weight; /* of the longer frames */
+    const restore_view *longer;    /* the next longer one */
     const float *bright;           /* typical light around each row */
     v4 *above, *below;             /* a row and zone: sums of w Y L and of w L^2 */
     v4 *gain_rows;                 /* a row for each worker */
@@ -126,61 +133,64 @@ static void drop_nonsense(light_job *job) {
     memset(job->below, 0, height * zones * sizeof(v4));
 }
 
-/* Turns the sums into gains, coarse level first. `prior` (a row and zone) is
- * what to assume where nothing was measured; with belief > 0 it is an estimate
- * itself, of that reliability. Returns the share of rows in
- * which the longer frames said something. */
-static double light_gains(light_job *job, const float *prior, double belief) {
-    restore_view *view = job->view;
-    const size_t height = view->light.height, zones = (size_t)view->zones;
-    double sq = 0, wt = 0, er = 0, covered = 0;
-    /* Rows. */
+/* How far rows differ from 1, zones from their row and colours from their zone, as variances. */
+typedef struct light_spread {
+    double row, zone, color;
+} light_spread;
+
+static double light_row(const light_job *job, size_t y, double *below) {
+    const size_t zones = (size_t)job->view->zones;
+    double a = 0, b = 0;
+    for (size_t z = 0; z < zones; z++)
+        a += v4_sum(job->above[y * zones + z]), b += v4_sum(job->below[y * zones + z]);
+    *below = independent * b;
+    return independent * a;
+}
+
+static light_spread light_spreads(const light_job *job) {
+    const size_t height = job->view->light.height, zones = (size_t)job->view->zones;
+    double sq[3] = {0}, wt[3] = {0}, er[3] = {0};
     for (size_t y = 0; y < height; y++) {
-        double a = 0, b = 0;
-        for (size_t z = 0; z < zones; z++)
-            a += v4_sum(job->above[y * zones + z]), b += v4_sum(job->below[y * zones + z]);
-        a *= independent, b *= independent;
-        covered += b > 25;
-        if (b > 0) {
-            double d = a / b - 1;
-            sq += b * d * d, wt += b, er += 1;
-        }
-    }
-    double k_row = 1 / spread(sq, wt, er);
-    /* Zones about their row. */
-    sq = wt = er = 0;
-    for (size_t y = 0; y < height; y++) {
-        double a = 0, b = 0;
-        for (size_t z = 0; z < zones; z++)
-            a += v4_sum(job->above[y * zones + z]), b += v4_sum(job->below[y * zones + z]);
+        double b, a = light_row(job, y, &b);
         if (!(b > 0))
             continue;
-        double row = a / b;
+        const double row = a / b;
+        sq[0] += b * (row - 1) * (row - 1), wt[0] += b, er[0] += 1;
         for (size_t z = 0; z < zones; z++) {
-            double bz = independent * v4_sum(job->below[y * zones + z]);
+            const v4 above = job->above[y * zones + z], below = job->below[y * zones + z];
+            const double bz = independent * v4_sum(below);
             if (!(bz > 0))
                 continue;
-            double d = independent * v4_sum(job->above[y * zones + z]) / bz - row;
-            sq += bz * d * d, wt += bz, er += 1;
+            const double zone = independent * v4_sum(above) / bz;
+            sq[1] += bz * (zone - row) * (zone - row), wt[1] += bz, er[1] += 1;
+            for (int c = 0; c < 4; c++) {
+                const double bc = independent * below[c];
+                if (!(bc > 0))
+                    continue;
+                const double d = independent * above[c] / bc - zone;
+                sq[2] += bc * d * d, wt[2] += bc, er[2] += 1;
+            }
         }
     }
-    double k_zone = 1 / spread(sq, wt, er);
-    /* Colours about their zone. */
-    sq = wt = er = 0;
-    for (size_t i = 0; i < height * zones; i++) {
-        double b = v4_sum(job->below[i]);
-        if (!(b > 0))
-            continue;
-        double zone = v4_sum(job->above[i]) / b;
-        for (int c = 0; c < 4; c++) {
-            double bc = independent * job->below[i][c];
-            if (!(bc > 0))
-                continue;
-            double d = independent * job->above[i][c] / bc - zone;
-            sq += bc * d * d, wt += bc, er += 1;
-        }
+    return (light_spread){spread(sq[0], wt[0], er[0]), spread(sq[1], wt[1], er[1]), spread(sq[2], wt[2], er[2])};
+}
+
+/* Turns the sums into gains, coarse level first. `prior` (a row and zone) is
+ * what to assume where nothing was measured; with belief > 0 it is an estimate
+ * itself, of that reliability. No more spread is believed than `most`. Returns the share of rows in
+ * which the longer frames said something. */
+static double light_gains(light_job *job, const float *prior, double belief, const light_spread *most) {
+    restore_view *view = job->view;
+    const size_t height = view->light.height, zones = (size_t)view->zones;
+    double covered = 0;
+    for (size_t y = 0; y < height; y++) {
+        double b;
+        light_row(job, y, &b);
+        covered += b > 25;
     }
-    double k_color = 1 / spread(sq, wt, er);
+    const light_spread found = light_spreads(job);
+    const double k_row = 1 / fmin(found.row, most->row), k_zone = 1 / fmin(found.zone, most->zone);
+    const double k_color = 1 / fmin(found.color, most->color);
 
     double k_prior = 0;
     if (belief > 0) {
@@ -190,10 +200,7 @@ static double light_gains(light_job *job, const float *prior, double belief) {
     }
     double deviation = 0;
     for (size_t y = 0; y < height; y++) {
-        double a = 0, b = 0;
-        for (size_t z = 0; z < zones; z++)
-            a += v4_sum(job->above[y * zones + z]), b += v4_sum(job->below[y * zones + z]);
-        a *= independent, b *= independent;
+        double b, a = light_row(job, y, &b);
         for (size_t z = 0; z < zones; z++) {
             size_t i = y * zones + z;
             double row = (a + k_row * prior[i]) / (b + k_row);
@@ -260,6 +267,24 @@ static double histogram_median(uint32_t (*histogram)[HISTOGRAM], int workers, do
     return 1;
 }
 
+static double light_residual(light_job *job, core_pool *pool, double *pixels) {
+    const int workers = core_pool_threads(pool);
+    memset(job->histogram, 0, (size_t)workers * sizeof *job->histogram);
+    core_parallel(pool, job->view->light.height, 8, residual_rows, job);
+    return 1.4826 * histogram_median(job->histogram, workers, pixels);
+}
+
+/* One frame in place of the picture of the longer ones. */
+static void alone_rows(void *arg, size_t begin, size_t end, int worker) {
+    (void)worker;
+    const light_job *job = arg;
+    const restore_view *longer = job->longer;
+    for (size_t i = begin * longer->light.width; i < end * longer->light.width; i++) {
+        job->weight->at[i] = v4_trust(longer->trust + 4 * i);
+        job->sum->at[i] = job->weight->at[i] * longer->light.at[i];
+    }
+}
+
 /* Adds the corrected frame to the picture of the longer ones. */
 static void add_rows(void *arg, size_t begin, size_t end, int worker) {
     const light_job *job = arg;
@@ -317,14 +342,44 @@ static void row_brightness(const restore_view *view, float *bright, float *scrat
     }
 }
 
+/* What a frame may be believed to deviate by: what it and its shorter neighbour show as they are, or any pair of
+ * shorter ones. */
+typedef struct light_limit {
+    light_spread spread;
+    double banding;
+} light_limit;
+
+static void light_limits(light_job *job, restore_view *views, size_t count, light_limit *most, float *bright,
+                         core_pool *pool) {
+    const size_t height = views[0].light.height;
+    most[0] = (light_limit){{1, 1, 1}, 100};
+    for (size_t i = 1; i < count; i++) {
+        most[i] = most[i - 1];
+        job->view = &views[i - 1], job->longer = &views[i];
+        core_parallel(pool, height, 16, alone_rows, job);
+        row_brightness(job->view, bright, bright + height);
+        core_parallel(pool, height, 8, measure_rows, job);
+        double pixels = 0, measured = 0, below;
+        for (size_t y = 0; y < height; y++) {
+            light_row(job, y, &below);
+            measured += below > 25;
+        }
+        double residual = light_residual(job, pool, &pixels);
+        if (measured < 0.5 * (double)height || pixels < 200)
+            continue; /* a dark frame or a clipped one says nothing */
+        light_spread s = light_spreads(job);
+        most[i].spread = (light_spread){fmin(most[i].spread.row, s.row), fmin(most[i].spread.zone, s.zone),
+                                        fmin(most[i].spread.color, s.color)};
+        most[i].banding = fmin(most[i].banding, residual);
+    }
+}
+
 brace_status restore_light(restore_view *views, size_t count, restore_picture *sum, restore_picture *weight,
                            core_pool *pool, brace_error *error) {
     const size_t width = sum->width, height = sum->height;
     const int workers = core_pool_threads(pool);
     size_t zones = width / 48 < 2 ? 2 : width / 48 > 8 ? 8 : width / 48;
     brace_status status = BRACE_OK;
-    memset(sum->at, 0, width * height * sizeof(v4));
-    memset(weight->at, 0, width * height * sizeof(v4));
 
     light_job job = {.sum = sum, .weight = weight};
     float *bright = core_alloc(2 * height, sizeof(float));
@@ -338,39 +393,51 @@ brace_status restore_light(restore_view *views, size_t count, restore_picture *s
         status = core_fail_memory(error, height * zones * 40, "measuring the light");
         goto done;
     }
-    for (size_t i = count; i-- > 0;) {
+    for (size_t i = 0; i < count && !status; i++) {
+        views[i].zones = (int)zones;
+        views[i].gain = core_alloc(height * zones, sizeof(v4));
+        if (!views[i].gain)
+            status = core_fail_memory(error, height * zones * sizeof(v4), "measuring the light");
+        else
+            for (size_t k = 0; k < height * zones; k++)
+                views[i].gain[k] = v4_set(1);
+    }
+    light_limit most[BRACE_BRACKET_MAX];
+    if (!status)
+        light_limits(&job, views, count, most, bright, pool);
+    memset(sum->at, 0, width * height * sizeof(v4));
+    memset(weight->at, 0, width * height * sizeof(v4));
+    for (size_t i = count; i-- > 0 && !status;) {
         restore_view *view = &views[i];
         job.view = view;
-        view->zones = (int)zones;
-        view->gain = core_alloc(height * zones, sizeof(v4));
-        if (!view->gain) {
-            status = core_fail_memory(error, height * zones * sizeof(v4), "measuring the light");
-            break;
-        }
         row_brightness(view, bright, bright + height);
         core_parallel(pool, height, 8, measure_rows, &job);
         drop_nonsense(&job);
         for (size_t k = 0; k < height * zones; k++)
             prior[k] = 1;
-        double covered = light_gains(&job, prior, 0), periodic = 0;
+        double covered = light_gains(&job, prior, 0, &most[i].spread), periodic = 0;
         if (covered < 0.95) {
             status = restore_periodic(prior, &periodic, view, i > 0 ? &views[i - 1] : NULL, pool, error);
             if (status)
                 break;
+            double sq = 0;
+            for (size_t k = 0; k < height * zones; k++)
+                sq += (prior[k] - 1) * (prior[k] - 1);
+            /* More than the light can have done: lines of text repeat, too. */
+            if (sq / (double)(height * zones) > 4 * most[i].spread.row)
+                periodic = 0;
             if (periodic > 0)
-                light_gains(&job, prior, periodic);
+                light_gains(&job, prior, periodic, &most[i].spread);
         }
 
-        memset(job.histogram, 0, (size_t)workers * sizeof *job.histogram);
-        core_parallel(pool, height, 8, residual_rows, &job);
-        double pixels, residual = 1.4826 * histogram_median(job.histogram, workers, &pixels);
+        double pixels, residual = light_residual(&job, pool, &pixels);
         /* What to expect of a frame that nothing could be compared with. */
         double guess = 0.35 * pow(view->exposure, -0.9);
         guess = guess > 1.2 ? 1.2 : guess < 0.01 ? 0.01 : guess;
         if (periodic > 0)
             guess = fmin(guess, hypot(0.02, 2 * (1 - periodic) * view->deviation));
         double known = pixels / (pixels + 20);
-        view->banding = (float)(known * residual + (1 - known) * guess);
+        view->banding = (float)fmin(known * residual + (1 - known) * guess, most[i].banding);
         core_parallel(pool, height, 8, add_rows, &job);
     }
     /* Light that is steady over a short exposure is so over a longer one. */

@@ -112,11 +112,12 @@ static brace_status merge_align(merge_state *s, const brace_bracket *bracket, co
 
 typedef struct pilot_job {
     const restore_picture *sum, *weight;
-    const restore_view *fallback;
+    const restore_view *fallback, *reference;
     restore_picture *out;
 } pilot_job;
 
-/* sum/weight, in place of sum. */
+/* sum/weight, in place of sum. Where the reference clips, no less than it recorded: shorter frames that flicker wildly
+ * may have seen nothing at all. */
 static void pilot_rows(void *arg, size_t begin, size_t end, int worker) {
     (void)worker;
     const pilot_job *job = arg;
@@ -124,7 +125,8 @@ static void pilot_rows(void *arg, size_t begin, size_t end, int worker) {
         v4 s = job->sum->at[i], w = job->weight->at[i], f = job->fallback->light.at[i];
         for (int c = 0; c < 4; c++) {
             float l = w[c] > 0 ? s[c] / w[c] : f[c];
-            job->out->at[i][c] = l > 0 ? l : 0;
+            float least = job->reference->trust[4 * i + (size_t)c] == 0 ? job->reference->light.at[i][c] : 0;
+            job->out->at[i][c] = l > least ? l : least;
         }
     }
 }
@@ -182,7 +184,7 @@ static brace_status merge(brace_restored *out, const brace_bracket *bracket, con
         goto done;
     start = core_seconds();
     core_progress(job, "fusing", 0, 2);
-    pilot_job pilot = {&s.sum, &s.weight, &s.view[0], &s.sum};
+    pilot_job pilot = {&s.sum, &s.weight, &s.view[0], &s.view[bracket->reference], &s.sum};
     core_parallel(pool, height, 16, pilot_rows, &pilot);
     pilot.out = &s.weight;
     core_parallel(pool, height, 16, box_rows, &pilot);

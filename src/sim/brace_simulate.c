@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "image/image.h"
+#include "sim/quantities.h"
 #include "sim/simulate.h"
 
 void brace_simulated_destroy(brace_simulated *simulated) {
@@ -15,27 +16,34 @@ void brace_simulated_destroy(brace_simulated *simulated) {
     for (size_t i = 0; i < simulated->count; i++)
         brace_frame_destroy(simulated->frames[i]);
     brace_frame_destroy(simulated->truth);
+    brace_frame_destroy(simulated->exact);
     core_free(simulated->meta);
     core_free(simulated);
 }
 
-static void set_scene(sim_scene *scene, const brace_simulate_params *p) {
-    sim_scene_sample(scene, p->seed, p->sample, p->field);
-    scene->width = p->width > 0 ? p->width : 1024;
-    scene->height = p->height > 0 ? p->height : 768;
-    scene->frames = p->frames != 0 ? p->frames : scene->frames;
-    /* Not "> 0": what is wrong shall be refused, not sampled. */
-    scene->reference_time = p->reference_time != 0 ? p->reference_time : scene->reference_time;
-    scene->iso = p->iso != 0 ? p->iso : scene->iso;
-    scene->level = p->level != 0 ? p->level : scene->level;
-    if (p->distance != 0)
-        scene->pose.translation[2] = p->distance;
-    scene->noise = !p->no_noise;
-    if (p->no_tremor)
-        scene->tremor_position = scene->tremor_angle = 0;
-    if (p->no_lens)
-        scene->psf = scene->glare = scene->vignetting = scene->defocus = scene->distortion[0] = scene->distortion[1] =
-            0;
+/* What one parameter asks for; a file given as `scene` brings its display and camera. */
+static brace_status make_scene(sim_scene_file *out, const brace_simulate_params *p, brace_error *error) {
+    brace_status status = BRACE_OK;
+    if (p->scene != NULL) {
+        status = sim_scene_load(out, p->scene, p->seed, p->field, error);
+    } else {
+        memset(out, 0, sizeof *out);
+        sim_scene_sample(&out->scene, p->seed, p->sample, p->field);
+    }
+    sim_scene *s = &out->scene;
+    s->field = s->field || p->field;
+    s->width = p->width > 0 ? p->width : s->width;
+    s->height = p->height > 0 ? p->height : s->height;
+    s->frames = p->frames != 0 ? p->frames : s->frames;
+    s->reference_time = p->reference_time != 0 ? p->reference_time : s->reference_time;
+    s->iso = p->iso != 0 ? p->iso : s->iso;
+    s->level = p->level != 0 ? p->level : s->level;
+    s->pose.translation[2] = p->distance != 0 ? p->distance : s->pose.translation[2];
+    for (size_t i = 0; i < p->set_count && status == BRACE_OK; i++)
+        status = sim_scene_set(s, p->set[i], error);
+    if (status == BRACE_OK && p->off != NULL)
+        status = sim_scene_off(s, p->off, error);
+    return status == BRACE_OK ? sim_scene_check(s, error) : status;
 }
 
 /* Takes the capture's frames over. */
@@ -51,8 +59,8 @@ static brace_status hand_over(brace_simulated **out, sim_capture *capture, brace
     }
     result->count = (size_t)capture->count;
     memcpy(result->frames, capture->frame, result->count * sizeof *result->frames);
-    result->truth = capture->truth;
-    capture->count = 0, capture->truth = NULL;
+    result->truth = capture->truth, result->exact = capture->exact;
+    capture->count = 0, capture->truth = capture->exact = NULL;
     *out = result;
     return BRACE_OK;
 }
@@ -65,24 +73,24 @@ brace_status brace_simulate(brace_simulated **out, const brace_image *screen, co
     *out = NULL;
     if (params == NULL)
         params = &defaults;
-    sim_display *display = NULL;
-    sim_camera camera;
-    sim_scene scene;
+    sim_scene_file file = {0};
     sim_capture capture = {0};
-    set_scene(&scene, params);
     brace_status status = image_check(screen, error);
     if (status == BRACE_OK)
-        status = sim_scene_check(&scene, error);
+        status = make_scene(&file, params, error);
+    if (status == BRACE_OK && (params->display != NULL || file.display == NULL)) {
+        sim_display_destroy(file.display);
+        file.display = NULL;
+        status = sim_display_load(&file.display, params->display != NULL ? params->display : "led_wall_3840_16", error);
+    }
+    if (status == BRACE_OK && (params->camera != NULL || !file.has_camera))
+        status = sim_camera_load(&file.camera, params->camera != NULL ? params->camera : "phone_median", error);
     if (status == BRACE_OK)
-        status = sim_display_load(&display, params->display != NULL ? params->display : "led_wall_3840_16", error);
-    if (status == BRACE_OK)
-        status = sim_camera_load(&camera, params->camera != NULL ? params->camera : "phone_median", error);
-    if (status == BRACE_OK)
-        status = sim_capture_create(&capture, screen, display, &camera, &scene, job, error);
+        status = sim_capture_create(&capture, screen, file.display, &file.camera, &file.scene, job, error);
     if (status == BRACE_OK) {
         status = hand_over(out, &capture, error);
         sim_capture_free(&capture);
     }
-    sim_display_destroy(display);
+    sim_scene_file_free(&file);
     return status;
 }

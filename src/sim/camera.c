@@ -61,6 +61,16 @@ brace_status sim_camera_load(sim_camera *out, const char *name_or_path, brace_er
     return status;
 }
 
+brace_status sim_camera_parse(sim_camera *out, const char *json, const char *name, brace_error *error) {
+    json_check *doc;
+    brace_status status = json_check_parse(&doc, json, name, error);
+    if (status != BRACE_OK)
+        return status;
+    status = read_camera(out, doc, name, error);
+    json_check_destroy(doc);
+    return status;
+}
+
 json_t *sim_camera_json(const sim_camera *c) {
     json_t *black = json_array(), *neutral = json_array(), *matrix = json_array();
     for (int i = 0; i < 4; i++)

@@ -166,7 +166,7 @@ brace_status dataset_json_save(json_t *value, const char *path, brace_error *err
         return status;
     }
     errno = 0;
-    if (value == NULL || json_dumpf(value, core_file_stream(file), JSON_INDENT(1) | JSON_REAL_PRECISION(15)) != 0 ||
+    if (value == NULL || json_dumpf(value, core_file_stream(file), JSON_INDENT(1) | JSON_REAL_PRECISION(17)) != 0 ||
         putc('\n', core_file_stream(file)) == EOF) {
         int code = errno;
         core_file_abort(file);
@@ -183,6 +183,7 @@ void dataset_loaded_free(dataset_loaded *sample) {
         brace_frame_destroy(sample->frames[i]);
     }
     brace_frame_destroy(sample->truth);
+    brace_frame_destroy(sample->exact);
     json_decref(sample->meta);
     *sample = (dataset_loaded){0};
 }
@@ -225,6 +226,12 @@ brace_status dataset_load(dataset_loaded *out, const char *folder, const brace_j
     if (status == BRACE_OK && !alike(out->frames[0], out->truth)) {
         status = core_fail(error, BRACE_ERROR_MISMATCH, "gt.dng has another size or CFA than the frames");
     }
+    if (status == BRACE_OK && has(folder, "gt_exact.dng")) {
+        status = read_one(&out->exact, folder, "gt_exact.dng", job, error);
+        if (status == BRACE_OK && !alike(out->frames[0], out->exact)) {
+            status = core_fail(error, BRACE_ERROR_MISMATCH, "gt_exact.dng has another size or CFA than the frames");
+        }
+    }
     if (status == BRACE_OK) {
         char *path = dataset_path(folder, "meta.json");
         status = path != NULL ? dataset_json_load(&out->meta, path, DATASET_META_LIMIT, error)
@@ -240,10 +247,13 @@ brace_status dataset_load(dataset_loaded *out, const char *folder, const brace_j
 brace_status dataset_hashes(json_t **out, const char *folder, brace_error *error) {
     *out = json_object();
     brace_status status = *out != NULL ? BRACE_OK : core_fail_memory(error, 64, "hashes");
-    for (int i = 1; i <= BRACE_BRACKET_MAX + 1 && status == BRACE_OK; i++) {
+    for (int i = 1; i <= BRACE_BRACKET_MAX + 2 && status == BRACE_OK; i++) {
         char name[32], hex[65];
         uint64_t size = 0;
-        snprintf(name, sizeof name, i <= BRACE_BRACKET_MAX ? "frame_%d.dng" : "gt.dng", i);
+        snprintf(name, sizeof name, "%s", i == BRACE_BRACKET_MAX + 1 ? "gt.dng" : "gt_exact.dng");
+        if (i <= BRACE_BRACKET_MAX) {
+            snprintf(name, sizeof name, "frame_%d.dng", i);
+        }
         if (!has(folder, name)) {
             continue;
         }

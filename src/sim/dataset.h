@@ -3,7 +3,8 @@
  * dataset.h: sets of samples on disk.
  *
  * A sample is a folder with frame_1.dng (the shortest exposure) to
- * frame_N.dng, gt.dng and meta.json. A set is a folder of samples, or one with
+ * frame_N.dng, gt.dng and meta.json; gt_exact.dng, too, if gt.dng is a simulated
+ * photograph. A set is a folder of samples, or one with
  * train/ and test/ that hold them; dataset.json beside them says what belongs
  * to it. Names that begin with a dot are work in progress and never counted: a
  * sample is made under such a name, synced and renamed.
@@ -43,6 +44,7 @@ typedef struct dataset_loaded {
     brace_frame *frames[BRACE_BRACKET_MAX];
     size_t count;
     brace_frame *truth;
+    brace_frame *exact; /* noiseless, where the truth is a simulated photograph; NULL: there is none */
     json_t *meta; /* NULL: there is no meta.json */
 } dataset_loaded;
 

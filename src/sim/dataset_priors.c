@@ -14,40 +14,20 @@
 
 #include "sim/data_path.h"
 #include "sim/json_check.h"
+#include "sim/quantities.h"
 
 /* Streams of random numbers of one sample. */
 enum { STREAM_KIND = 0x44530001, STREAM_DISPLAY, STREAM_CAMERA, STREAM_SCENE };
 
-/* What a prior may speak of. */
-static const struct {
-    const char *name;
-    size_t offset;
-    double low, high;
-} quantities[] = {
-#define QUANTITY(name, low, high) {#name, offsetof(sim_scene, name), low, high}
-    QUANTITY(reference_time, 1e-6, 10),
-    QUANTITY(iso, 10, 1e6),
-    QUANTITY(level, 1e-4, 100),
-    QUANTITY(tremor_position, 0, 1),
-    QUANTITY(tremor_angle, 0, 1),
-    QUANTITY(frame_gap, 0, 10),
-    QUANTITY(psf, 0, 10),
-    QUANTITY(glare, 0, 1),
-    QUANTITY(vignetting, 0, 1),
-    QUANTITY(ambient, 0, 10),
-    QUANTITY(ambient_hz, 0, 1000),
-    QUANTITY(nonuniformity, 0, 0.5),
-    QUANTITY(defocus, 0, 20),
-    QUANTITY(clutter, 0, 10),
-#undef QUANTITY
-};
-enum { QUANTITIES = sizeof quantities / sizeof quantities[0] };
-
-typedef enum shape { ABSENT, FIXED, UNIFORM, LOG_UNIFORM, NORMAL } shape;
+typedef enum shape { ABSENT, FIXED, UNIFORM, LOG_UNIFORM, NORMAL, CHOICE } shape;
+enum { CHOICES = 16 };
 
 typedef struct prior {
     shape shape;
+    const sim_quantity *quantity;
     double a, b;
+    double choice[CHOICES];
+    size_t choices;
     double probability; /* otherwise 0 */
 } prior;
 
@@ -61,7 +41,8 @@ struct dataset_priors {
     double flicker_free;
     weighted *displays, *steady, *cameras;
     size_t display_count, steady_count, camera_count;
-    prior scene[QUANTITIES];
+    prior *scene;
+    size_t scene_count;
 };
 
 void dataset_priors_destroy(dataset_priors *priors) {
@@ -70,6 +51,7 @@ void dataset_priors_destroy(dataset_priors *priors) {
         core_free(priors->displays);
         core_free(priors->steady);
         core_free(priors->cameras);
+        core_free(priors->scene);
         core_free(priors);
     }
 }
@@ -115,42 +97,81 @@ static brace_status read_weights(weighted **out, size_t *count, const json_at *r
     return BRACE_OK;
 }
 
-static prior read_prior(const json_at *scene, size_t i) {
-    static const char *const keys[] = {"uniform", "log_uniform", "normal", "probability", NULL};
-    const char *name = quantities[i].name;
-    double low = quantities[i].low, high = quantities[i].high, pair[2] = {0, 0};
-    prior out = {.probability = 1};
+static prior read_prior(const json_at *scene, const sim_quantity *q) {
+    static const char *const keys[] = {"uniform", "log_uniform", "normal", "choice", "probability", NULL};
+    static const shape shapes[] = {UNIFORM, LOG_UNIFORM, NORMAL, CHOICE};
+    double pair[2] = {0, 0};
+    prior out = {.quantity = q, .probability = 1};
     json_at object;
-    json_t *value = json_object_get(scene->value, name);
+    json_t *value = json_object_get(scene->value, q->name);
     if (value == NULL) {
         return out;
     }
+    char range[64];
+    sim_quantity_range(range, sizeof range, q);
     if (json_is_number(value)) {
         out.shape = FIXED;
-        out.a = json_check_number(scene, name, low, high, JSON_CHECK_REQUIRED);
+        out.a = json_check_number(scene, q->name, q->low, q->high, JSON_CHECK_REQUIRED);
+        if (!sim_quantity_takes(q, out.a)) {
+            json_check_fail(scene, q->name, "%g is none of the whole numbers %s", out.a, range);
+        }
         return out;
     }
-    if (!json_check_object(scene, name, &object)) {
+    if (!json_check_object(scene, q->name, &object)) {
         return out;
     }
     json_check_only(&object, keys);
     out.probability = json_check_number(&object, "probability", 0, 1, 1);
     int given = 0;
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < 4; k++) {
         if (json_object_get(object.value, keys[k]) != NULL) {
             given++;
-            out.shape = k == 0 ? UNIFORM : k == 1 ? LOG_UNIFORM : NORMAL;
-            json_check_numbers(&object, keys[k], pair, 2, 2, k == 1 ? fmax(low, 1e-12) : low, high, true);
+            out.shape = shapes[k];
+            if (out.shape == CHOICE) {
+                out.choices = json_check_numbers(&object, keys[k], out.choice, 1, CHOICES, q->low, q->high, true);
+            } else {
+                json_check_numbers(&object, keys[k], pair, 2, 2, k == 1 ? fmax(q->low, 1e-12) : q->low, q->high, true);
+            }
+        }
+    }
+    for (size_t i = 0; i < out.choices; i++) {
+        if (!sim_quantity_takes(q, out.choice[i])) {
+            json_check_fail(scene, q->name, "%g is none of the whole numbers %s", out.choice[i], range);
         }
     }
     if (given != 1) {
-        json_check_fail(scene, name, "one of uniform, log_uniform and normal is needed");
-    } else if (out.shape != NORMAL && pair[0] > pair[1]) {
-        json_check_fail(scene, name, "the range ends below where it begins");
+        json_check_fail(scene, q->name, "one of uniform, log_uniform, normal and choice is needed");
+    } else if ((out.shape == UNIFORM || out.shape == LOG_UNIFORM) && pair[0] > pair[1]) {
+        json_check_fail(scene, q->name, "the range ends below where it begins");
+    } else if (out.probability < 1 && !sim_quantity_takes(q, 0)) {
+        json_check_fail(scene, q->name, "it cannot be 0, so it can have no probability; its range is %s", range);
+    } else if (q->choices != NULL && out.shape != CHOICE) {
+        json_check_fail(scene, q->name, "only %s can be chosen from: \"choice\": [...]", range);
     }
     out.a = pair[0];
     out.b = pair[1];
     return out;
+}
+
+/* What the priors say of the numbers of a scene. */
+static brace_status read_scene(dataset_priors *p, const json_at *scene, brace_error *error) {
+    const char **names = core_calloc(sim_quantity_count + 1, sizeof *names);
+    p->scene = core_calloc(sim_quantity_count, sizeof *p->scene);
+    if (names == NULL || p->scene == NULL) {
+        core_free(names);
+        return core_fail_memory(error, sim_quantity_count * sizeof *p->scene, "priors");
+    }
+    for (size_t i = 0; i < sim_quantity_count; i++) {
+        if (sim_quantities[i].drawn) {
+            names[p->scene_count++] = sim_quantities[i].name;
+        }
+    }
+    json_check_only(scene, names);
+    for (size_t i = 0; i < p->scene_count; i++) {
+        p->scene[i] = read_prior(scene, sim_quantity_find(names[i]));
+    }
+    core_free(names);
+    return BRACE_OK;
 }
 
 static brace_status read_all(dataset_priors *p, json_check *doc, brace_error *error) {
@@ -169,14 +190,7 @@ static brace_status read_all(dataset_priors *p, json_check *doc, brace_error *er
         status = read_weights(&p->cameras, &p->camera_count, &root, "cameras", "cameras", false, error);
     }
     if (status == BRACE_OK && json_check_object(&root, "scene", &scene)) {
-        const char *names[QUANTITIES + 1] = {NULL};
-        for (size_t i = 0; i < QUANTITIES; i++) {
-            names[i] = quantities[i].name;
-        }
-        json_check_only(&scene, names);
-        for (size_t i = 0; i < QUANTITIES; i++) {
-            p->scene[i] = read_prior(&scene, i);
-        }
+        status = read_scene(p, &scene, error);
     }
     return status == BRACE_OK ? json_check_status(doc, error) : status;
 }
@@ -236,31 +250,44 @@ void dataset_priors_draw(dataset_draw *out, const dataset_priors *p, uint64_t se
     out->camera = pick(p->cameras, p->camera_count, &r);
 }
 
+/* Where a quantity's random numbers begin (FNV-1a of its name). */
+static uint32_t stream_of(const char *name) {
+    uint32_t hash = 2166136261u;
+    for (; *name != '\0'; name++) {
+        hash = (hash ^ (unsigned char)*name) * 16777619u;
+    }
+    return hash;
+}
+
 void dataset_priors_scene(sim_scene *scene, const dataset_priors *p, uint64_t seed, uint32_t sample) {
-    for (size_t i = 0; i < QUANTITIES; i++) {
-        const prior *q = &p->scene[i];
-        if (q->shape == ABSENT) {
+    for (size_t i = 0; i < p->scene_count; i++) {
+        const prior *d = &p->scene[i];
+        const sim_quantity *q = d->quantity;
+        if (d->shape == ABSENT) {
             continue;
         }
-        core_random r = core_random_create(seed, sample, (uint32_t)i, STREAM_SCENE);
-        double x = q->a, u = core_random_uniform(&r);
-        switch (q->shape) {
+        core_random r = core_random_create(seed, sample, stream_of(q->name), STREAM_SCENE);
+        double x = d->a, u = core_random_uniform(&r);
+        switch (d->shape) {
         case UNIFORM:
-            x = q->a + (q->b - q->a) * u;
+            x = d->a + (d->b - d->a) * u;
             break;
         case LOG_UNIFORM:
-            x = q->a * pow(q->b / q->a, u);
+            x = d->a * pow(d->b / d->a, u);
             break;
         case NORMAL:
-            x = q->a + q->b * core_random_normal(&r);
+            x = d->a + d->b * core_random_normal(&r);
+            break;
+        case CHOICE:
+            x = d->choice[(size_t)(u * (double)d->choices)];
             break;
         default:
             break;
         }
-        if (q->probability < 1 && core_random_uniform(&r) >= q->probability) {
+        if (d->probability < 1 && core_random_uniform(&r) >= d->probability) {
             x = 0;
         }
-        x = fmin(fmax(x, q->probability < 1 ? 0 : quantities[i].low), quantities[i].high);
-        memcpy((char *)scene + quantities[i].offset, &x, sizeof x);
+        x = fmin(fmax(x, q->low), q->high);
+        sim_quantity_put(scene, q, q->type == SIM_REAL ? x : round(x));
     }
 }

@@ -9,6 +9,7 @@
 #include "sim/data_path.h"
 #include "sim/dataset.h"
 #include "sim/dataset_priors.h"
+#include "sim/screen.h"
 #include "sim/simulate.h"
 
 enum { STREAM_PRESET = 0x44530010 };
@@ -29,22 +30,6 @@ static brace_status load_camera(sim_camera *out, const dataset_task *task, brace
     return status;
 }
 
-static brace_status write_frames(const sim_capture *capture, const char *folder, const brace_job *job,
-                                 brace_error *error) {
-    const brace_dng_params params = {.no_preview = true};
-    brace_status status = BRACE_OK;
-    for (int i = 0; i <= capture->count && status == BRACE_OK; i++) {
-        char name[32];
-        snprintf(name, sizeof name, i < capture->count ? "frame_%d.dng" : "gt.dng", i + 1);
-        char *path = dataset_path(folder, name);
-        const brace_frame *frame = i < capture->count ? capture->frame[i] : capture->truth;
-        status = path != NULL ? brace_frame_write_dng(frame, path, &params, job, error)
-                              : core_fail_memory(error, 256, "a name");
-        core_free(path);
-    }
-    return status;
-}
-
 brace_status dataset_render(void *user, const dataset_task *task, const char *folder, json_t **meta,
                             const brace_job *job, brace_error *error) {
     (void)user;
@@ -54,7 +39,7 @@ brace_status dataset_render(void *user, const dataset_task *task, const char *fo
     sim_camera camera;
     sim_capture capture;
     memset(&capture, 0, sizeof capture);
-    brace_status status = brace_image_read(&screen, task->screen, job, error);
+    brace_status status = sim_screen_read(&screen, NULL, task->screen, job, error);
     if (status == BRACE_OK) {
         status = sim_display_load(&display, task->display, error);
     }
@@ -70,7 +55,7 @@ brace_status dataset_render(void *user, const dataset_task *task, const char *fo
         status = sim_capture_create(&capture, screen, display, &camera, &scene, job, error);
     }
     if (status == BRACE_OK) {
-        status = write_frames(&capture, folder, job, error);
+        status = sim_capture_write(&capture, folder, &(brace_dng_params){.no_preview = true}, job, error);
         *meta = json_deep_copy(capture.meta);
         if (status == BRACE_OK && *meta == NULL) {
             status = core_fail_memory(error, 4096, "metadata");

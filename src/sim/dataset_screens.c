@@ -1,22 +1,23 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * dataset_screens.c: the pictures that displays show. A screen is known by the
- * hash of its file: copies under other names count once, so that no content can
- * be in both splits, and the splits do not depend on names or on the order in
- * which a folder is read.
+ * dataset_screens.c: the pictures that displays show, and the split of each. No
+ * content is in both splits: copies of a file, under whatever name, count once,
+ * and pictures that look alike go into one split together. The splits do not
+ * depend on names or on the order in which a folder is read.
  */
 #include "sim/dataset_screens.h"
 
 #include <ctype.h>
 #include <dirent.h>
 #include <errno.h>
+#include <math.h>
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 
-#include "core/sha256.h"
 #include "sim/dataset.h"
+#include "sim/screen.h"
 
 void dataset_screens_free(dataset_screens *s) {
     for (size_t i = 0; i < s->count; i++) {
@@ -70,56 +71,74 @@ static brace_status add(dataset_screens *s, const char *folder, const char *name
     return BRACE_OK;
 }
 
-typedef struct hasher {
+/* ---- looking at all of them ---- */
+
+typedef struct viewer {
     dataset_screens *screens;
     const brace_job *job;
     pthread_mutex_t lock;
-    brace_status status; /* the first failure; under the lock */
+    size_t bad, first; /* how many cannot be read, and the first of them by name; under the lock */
+    brace_status status;
     brace_error error;
-} hasher;
+} viewer;
 
-static void hash_some(void *user, size_t begin, size_t end, int worker) {
-    hasher *h = user;
+static void view_some(void *user, size_t begin, size_t end, int worker) {
+    viewer *v = user;
+    /* Pictures are decoded here only, side by side: one thread each. */
+    const brace_job own = {.threads = 1, .cancel = v->job != NULL ? v->job->cancel : NULL};
     for (size_t i = begin; i < end; i++) {
-        dataset_screen *screen = &h->screens->items[i];
+        dataset_screen *screen = &v->screens->items[i];
+        brace_image *image = NULL;
         brace_error error = {0};
-        brace_status status = core_check_cancel(h->job, &error);
-        if (status == BRACE_OK) {
-            status = core_sha256_file(screen->sha256, screen->path, NULL, &error);
-        }
+        brace_status status = core_check_cancel(v->job, &error);
+        if (status == BRACE_OK)
+            status = sim_screen_read(&image, screen->sha256, screen->path, &own, &error);
+        if (status == BRACE_OK)
+            status = sim_print_create(&screen->print, image, &error);
+        brace_image_destroy(image);
         if (status != BRACE_OK) {
-            pthread_mutex_lock(&h->lock);
-            if (h->status == BRACE_OK) {
-                h->status = status;
-                h->error = error;
+            pthread_mutex_lock(&v->lock);
+            if (v->bad++ == 0 || i < v->first) {
+                v->first = i;
+                v->status = status;
+                v->error = error;
             }
-            pthread_mutex_unlock(&h->lock);
+            pthread_mutex_unlock(&v->lock);
         }
     }
-    if (worker == 0 && end < h->screens->count) {
-        core_progress(h->job, "screens", end, h->screens->count);
+    if (worker == 0 && end < v->screens->count) {
+        core_progress(v->job, "screens", end, v->screens->count);
     }
 }
 
-static brace_status hash_all(dataset_screens *s, const brace_job *job, brace_error *error) {
-    hasher h = {.screens = s, .job = job};
+static brace_status view_all(dataset_screens *s, const brace_job *job, brace_error *error) {
+    viewer v = {.screens = s, .job = job};
     core_pool *pool = NULL;
     brace_status status = core_pool_create(&pool, job, error);
     if (status != BRACE_OK) {
         return status;
     }
-    pthread_mutex_init(&h.lock, NULL);
-    core_parallel(pool, s->count, 4, hash_some, &h);
-    pthread_mutex_destroy(&h.lock);
+    pthread_mutex_init(&v.lock, NULL);
+    core_parallel(pool, s->count, 4, view_some, &v);
+    pthread_mutex_destroy(&v.lock);
     core_pool_destroy(pool);
-    if (h.status != BRACE_OK && error != NULL) {
-        *error = h.error;
+    status = core_check_cancel(job, error);
+    if (status != BRACE_OK) {
+        return status;
     }
-    if (h.status == BRACE_OK && s->count > 0) {
+    if (v.bad > 1) {
+        return core_fail(error, v.status, "%s (and %zu more screens cannot be used)", v.error.message, v.bad - 1);
+    }
+    if (v.bad > 0) {
+        return core_fail(error, v.status, "%s", v.error.message);
+    }
+    if (s->count > 0) {
         core_progress(job, "screens", s->count, s->count);
     }
-    return h.status;
+    return BRACE_OK;
 }
+
+/* ---- copies and lookalikes ---- */
 
 /* Copies leave; the first by name stays. */
 static void drop_copies(dataset_screens *s) {
@@ -133,6 +152,48 @@ static void drop_copies(dataset_screens *s) {
         }
     }
     s->count = kept;
+}
+
+static size_t leader_of(const dataset_screens *s, size_t i) {
+    while (s->items[i].group != i) {
+        i = s->items[i].group;
+    }
+    return i;
+}
+
+static int by_group(const void *a, const void *b) {
+    const dataset_screen *x = a, *y = b;
+    return x->group != y->group ? (x->group > y->group) - (x->group < y->group) : strcmp(x->sha256, y->sha256);
+}
+
+/* Pictures that look alike, also by way of others, get one group: its first by hash. Then sorts by group. */
+static void group_alike(dataset_screens *s) {
+    for (size_t i = 0; i < s->count; i++) {
+        s->items[i].group = i;
+        for (size_t k = 0; k < i; k++) {
+            size_t a = leader_of(s, i), b = leader_of(s, k);
+            if (a != b && sim_prints_alike(&s->items[i].print, &s->items[k].print)) {
+                s->items[a > b ? a : b].group = a > b ? b : a;
+            }
+        }
+    }
+    for (size_t i = 0; i < s->count; i++) {
+        s->items[i].group = leader_of(s, i);
+    }
+    qsort(s->items, s->count, sizeof *s->items, by_group);
+}
+
+/* How many of the first screens are for testing: as near to the share wanted as whole groups allow. 0: there is one
+ * group only. */
+static size_t split_at(const dataset_screens *s, double share) {
+    size_t best = 0;
+    for (size_t i = 1; i < s->count; i++) {
+        if (s->items[i].group != s->items[i - 1].group &&
+            (best == 0 || fabs((double)i - share * (double)s->count) < fabs((double)best - share * (double)s->count))) {
+            best = i;
+        }
+    }
+    return best;
 }
 
 brace_status dataset_screens_read(dataset_screens *out, const char *folder, uint32_t train, uint32_t test,
@@ -156,28 +217,28 @@ brace_status dataset_screens_read(dataset_screens *out, const char *folder, uint
     }
     free(names);
     if (status == BRACE_OK) {
-        status = hash_all(out, job, error);
+        status = view_all(out, job, error);
     }
-    if (status == BRACE_OK && out->count > 1) {
+    if (status == BRACE_OK && out->count == 0) {
+        status = core_fail(error, BRACE_ERROR_ARGUMENT,
+                           "%s: there are no pictures in this folder (.png, .webp, .jpg, .tif)", folder);
+    }
+    if (status == BRACE_OK) {
         qsort(out->items, out->count, sizeof *out->items, by_hash);
         drop_copies(out);
-    }
-    if (status == BRACE_OK && out->count < (size_t)(train > 0) + (size_t)(test > 0)) {
-        status = core_fail(error, BRACE_ERROR_ARGUMENT,
-                           out->count == 0
-                               ? "%s: there are no pictures in this folder (.png, .webp, .jpg, .tif)"
-                               : "%s: train and test share no screen, and there is only one here",
-                           folder);
+        group_alike(out);
+        out->test = train == 0 ? out->count : test == 0 ? 0 : split_at(out, test / ((double)train + test));
+        if (train > 0 && test > 0 && out->test == 0) {
+            status = core_fail(error, BRACE_ERROR_ARGUMENT,
+                               out->count == 1
+                                   ? "%s: train and test share no screen, and there is only one here"
+                                   : "%s: train and test share no screen, and all that are here look alike",
+                               folder);
+        }
     }
     if (status != BRACE_OK) {
         dataset_screens_free(out);
         return status;
-    }
-    if (train == 0) {
-        out->test = out->count;
-    } else if (test > 0) {
-        out->test = (size_t)((double)out->count * test / ((double)train + test) + 0.5);
-        out->test = out->test < 1 ? 1 : out->test >= out->count ? out->count - 1 : out->test;
     }
     return BRACE_OK;
 }

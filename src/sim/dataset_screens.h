@@ -6,21 +6,25 @@
 #include <jansson.h>
 
 #include "core/core.h"
+#include "sim/screen.h"
 
 typedef struct dataset_screen {
     char *path, *name; /* name: the file's, without folder */
     char category[32]; /* 000012_web2.webp: "web2" */
     char sha256[65];
+    sim_print print;
+    size_t group; /* the same for pictures that look alike */
 } dataset_screen;
 
 typedef struct dataset_screens {
-    dataset_screen *items; /* sorted by hash; each content once */
+    dataset_screen *items; /* groups in the order of their first hash; each file once */
     size_t count;
     size_t test; /* the first so many are for the test split, the others for training */
 } dataset_screens;
 
-/* The pictures (PNG, WebP, JPEG, TIFF) in a folder. They are shared out in proportion to
- * `train` and `test`; each split that is wanted gets at least one. */
+/* The pictures (PNG, WebP, JPEG, TIFF) in a folder, all of which must be sound: every one is
+ * looked at. They are shared out in proportion to `train` and `test`, lookalikes together; each
+ * split that is wanted gets at least one. */
 brace_status dataset_screens_read(dataset_screens *out, const char *folder, uint32_t train, uint32_t test,
                                   const brace_job *job, brace_error *error);
 void dataset_screens_free(dataset_screens *screens);

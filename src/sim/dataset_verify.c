@@ -2,6 +2,7 @@
 /*
  * dataset_verify.c: is everything there, unchanged and plausible? Every sample
  * that is not gets named with the reason; one bad sample does not stop the rest.
+ * Folders are looked at side by side, a sample a thread, and told of in order.
  */
 #include <dirent.h>
 #include <errno.h>
@@ -17,7 +18,8 @@ typedef struct verifier {
     dataset_problem_fn *problem;
     void *user;
     dataset_verified *out;
-    bool bad; /* this sample has been told of */
+    bool bad;         /* this sample has been told of */
+    json_t *problems; /* collects them for later; NULL: they are told at once */
 } verifier;
 
 static void tell(verifier *v, const char *sample, const char *format, ...) __attribute__((format(printf, 3, 4)));
@@ -28,7 +30,9 @@ static void tell(verifier *v, const char *sample, const char *format, ...) {
     vsnprintf(text, sizeof text, format, args);
     va_end(args);
     v->bad = true;
-    if (v->problem != NULL) {
+    if (v->problems != NULL) {
+        json_array_append_new(v->problems, json_string_nocheck(text)); /* names of files may be no UTF-8 */
+    } else if (v->problem != NULL) {
         v->problem(v->user, sample, text);
     }
 }
@@ -80,7 +84,7 @@ static void check_range(verifier *v, const char *sample, const char *name, const
     }
     if (above > 0) {
         tell(v, sample, "%s: %zu pixels are above its white level of %g", name, above, (double)f->white);
-    } else if (low == high && (float)low < f->white && strcmp(name, "gt.dng") != 0) {
+    } else if (low == high && (float)low < f->white && strncmp(name, "gt", 2) != 0) {
         /* A bright page may clip whole, and only the truth has no noise. */
         tell(v, sample, "%s: all pixels have the value %u", name, low);
     }
@@ -103,9 +107,14 @@ static void check_bracket(verifier *v, const char *sample, dataset_loaded *s, co
             break;
         }
     }
-    double a = reference->exposure_time * reference->iso, b = s->truth->exposure_time * s->truth->iso;
-    if (a > 0 && b > 0 && fabs(log2(b / a)) > 0.1) {
-        tell(v, sample, "gt.dng has %+.1f stops more exposure than the reference frame", log2(b / a));
+    const double a = reference->exposure_time * reference->iso;
+    for (int i = 0; i < 2; i++) {
+        const brace_frame *truth = i == 0 ? s->truth : s->exact;
+        const double b = truth != NULL ? truth->exposure_time * truth->iso : 0;
+        if (a > 0 && b > 0 && fabs(log2(b / a)) > 0.1) {
+            tell(v, sample, "%s has %+.1f stops more exposure than the reference frame",
+                 i == 0 ? "gt.dng" : "gt_exact.dng", log2(b / a));
+        }
     }
     brace_bracket_destroy(bracket);
 }
@@ -133,6 +142,9 @@ static brace_status verify_sample(verifier *v, const dataset_sample *sample, con
         check_range(v, sample->name, name, s.frames[i]);
     }
     check_range(v, sample->name, "gt.dng", s.truth);
+    if (s.exact != NULL) {
+        check_range(v, sample->name, "gt_exact.dng", s.exact);
+    }
     check_bracket(v, sample->name, &s, job);
     dataset_loaded_free(&s);
     v->out->bad += v->bad;
@@ -175,20 +187,82 @@ static brace_status check_index(verifier *v, const char *folder, const dataset_l
     return status;
 }
 
+/* What became of one sample. */
+typedef struct verdict {
+    dataset_verified counts;
+    json_t *problems;
+    brace_status status;
+    brace_error error;
+} verdict;
+
+typedef struct verify_job {
+    const dataset_sample *samples;
+    verdict *verdicts;
+    const brace_job *job;
+} verify_job;
+
+static void verify_some(void *arg, size_t begin, size_t end, int worker) {
+    (void)worker;
+    const verify_job *all = arg;
+    const brace_job one = {.threads = 1, .cancel = all->job != NULL ? all->job->cancel : NULL};
+    for (size_t i = begin; i < end; i++) {
+        verdict *r = &all->verdicts[i];
+        *r = (verdict){.problems = json_array()};
+        verifier v = {.out = &r->counts, .problems = r->problems};
+        r->status = r->problems != NULL ? core_check_cancel(&one, &r->error)
+                                        : core_fail_memory(&r->error, 64, "a list of problems");
+        if (r->status == BRACE_OK) {
+            r->status = verify_sample(&v, &all->samples[i], &one, &r->error);
+        }
+    }
+}
+
+/* Tells of a sample, or of why it could not be looked at. */
+static brace_status settle(verifier *v, verdict *r, const dataset_sample *sample, brace_error *error) {
+    v->out->samples += r->counts.samples;
+    v->out->bad += r->counts.bad;
+    v->out->unhashed += r->counts.unhashed;
+    size_t i;
+    json_t *text;
+    json_array_foreach(r->problems, i, text) {
+        tell(v, sample->name, "%s", json_string_value(text));
+    }
+    if (r->status != BRACE_OK && error != NULL) {
+        *error = r->error;
+    }
+    return r->status;
+}
+
 static brace_status verify_folders(verifier *v, const char *folder, const brace_job *job, brace_error *error) {
     dataset_list list;
     brace_status status = dataset_list_read(&list, folder, error);
-    for (size_t i = 0; status == BRACE_OK && i < list.count; i++) {
+    core_pool *pool = NULL;
+    if (status == BRACE_OK) {
+        status = core_pool_create(&pool, job, error);
+    }
+    const size_t batch = 8 * (size_t)core_pool_threads(pool);
+    verdict *verdicts = core_calloc(batch, sizeof *verdicts);
+    if (status == BRACE_OK && verdicts == NULL) {
+        status = core_fail_memory(error, batch * sizeof *verdicts, "what was found");
+    }
+    for (size_t i = 0; status == BRACE_OK && i < list.count; i += batch) {
+        const size_t n = list.count - i < batch ? list.count - i : batch;
+        verify_job all = {&list.items[i], verdicts, job};
         core_progress(job, "verifying", i, list.count);
-        status = core_check_cancel(job, error);
-        if (status == BRACE_OK) {
-            status = verify_sample(v, &list.items[i], job, error);
+        core_parallel(pool, n, 1, verify_some, &all);
+        for (size_t k = 0; k < n; k++) {
+            if (status == BRACE_OK) {
+                status = settle(v, &verdicts[k], &list.items[i + k], error);
+            }
+            json_decref(verdicts[k].problems);
         }
     }
     if (status == BRACE_OK) {
         core_progress(job, "verifying", list.count, list.count);
         status = check_index(v, folder, &list, error);
     }
+    core_pool_destroy(pool);
+    core_free(verdicts);
     dataset_list_free(&list);
     return status;
 }

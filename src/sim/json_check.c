@@ -165,6 +165,8 @@ void json_check_destroy(json_check *doc) {
 
 static brace_status parse(json_check **out, const char *text, size_t length, const char *name, brace_error *error) {
     *out = NULL;
+    if (length >= 3 && memcmp(text, "\xef\xbb\xbf", 3) == 0) /* editors mark UTF-8 so; RFC 8259 lets readers skip it */
+        text += 3, length -= 3;
     json_check *doc = core_calloc(1, sizeof *doc);
     if (doc == NULL)
         return core_fail_memory(error, sizeof *doc, name);

@@ -72,6 +72,18 @@ static inline vd vd_power_of_two(vd n) { /* 2^n for whole n from -1022 to 1023 *
     __m256i e = _mm256_cvtepi32_epi64(_mm256_cvtpd_epi32(n));
     return _mm256_castsi256_pd(_mm256_slli_epi64(_mm256_add_epi64(e, _mm256_set1_epi64x(1023)), 52));
 }
+static inline bool vi_same(vi a, vi b) {
+    return _mm_movemask_epi8(_mm_cmpeq_epi32(a, b)) == 0xffff;
+}
+static inline bool vd_same(vd a, vd b) { /* NaN: never */
+    return _mm256_movemask_pd(_mm256_cmp_pd(a, b, _CMP_EQ_OQ)) == 0xf;
+}
+static inline vi vi_last(vi a) { /* the last lane, in all lanes */
+    return _mm_shuffle_epi32(a, 0xff);
+}
+static inline vd vd_last(vd a) {
+    return _mm256_permute4x64_pd(a, 0xff);
+}
 
 #include "sim/light_vector.h"
 

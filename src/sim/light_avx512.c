@@ -70,6 +70,18 @@ static inline vd vd_power_of_two(vd n) { /* 2^n for whole n from -1022 to 1023 *
     __m512i e = _mm512_cvtepi32_epi64(_mm512_cvtpd_epi32(n));
     return _mm512_castsi512_pd(_mm512_slli_epi64(_mm512_add_epi64(e, _mm512_set1_epi64(1023)), 52));
 }
+static inline bool vi_same(vi a, vi b) {
+    return _mm256_cmpeq_epi32_mask(a, b) == 0xff;
+}
+static inline bool vd_same(vd a, vd b) { /* NaN: never */
+    return _mm512_cmp_pd_mask(a, b, _CMP_EQ_OQ) == 0xff;
+}
+static inline vi vi_last(vi a) { /* the last lane, in all lanes */
+    return _mm256_permutevar8x32_epi32(a, _mm256_set1_epi32(7));
+}
+static inline vd vd_last(vd a) {
+    return _mm512_permutexvar_pd(_mm512_set1_epi64(7), a);
+}
 
 #include "sim/light_vector.h"
 

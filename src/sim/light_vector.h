@@ -10,6 +10,7 @@
 #ifndef SIM_LIGHT_VECTOR_H
 #define SIM_LIGHT_VECTOR_H
 
+#include <math.h>
 #include <string.h>
 
 /* What a driver gets: where the samples are, and the phases of both ends of the exposure. */
@@ -18,7 +19,7 @@ typedef struct light_lanes {
     vi tile;
 } light_lanes;
 
-/* F(b) - F(a) of a driver. */
+/* F(b) - F(a) of a driver: of s->level, or, with run_shared, of level 1. */
 typedef vd light_body(const sim_panel *panel, int channel, const light_lanes *s);
 
 #define ALWAYS_INLINE static inline __attribute__((always_inline))
@@ -42,67 +43,103 @@ ALWAYS_INLINE vd vd_exp(vd x) {
     return p * vd_power_of_two(n);
 }
 
-ALWAYS_INLINE vd start_of(const sim_panel *panel, int channel, vd x, vd y, vi *tile) {
-    vd start = vd_fma(x, vd_set(panel->start_x), vd_set(panel->start_channel[channel]));
-    start = vd_fma(y, vd_set(panel->start_y), start);
-    vd half = vd_set(0.5);
-    if (panel->scan > 1) {
-        vd group = vd_floor((y + half) * vd_set(panel->scan_rate));
-        group = vd_fnma(group, vd_set(panel->scan), y);
-        start = vd_fma(group, vd_set(panel->start_scan), start);
-    }
-    if (panel->tile_start != NULL) {
-        vd column = vd_floor((x + half) * vd_set(panel->tile_rate_x));
-        vd row = vd_floor((y + half) * vd_set(panel->tile_rate_y));
-        column = vd_min(column, vd_set((double)panel->tile_columns - 1));
-        row = vd_min(row, vd_set((double)panel->tile_rows - 1));
-        *tile = vd_int(vd_fma(row, vd_set((double)panel->tile_columns), column));
-        start = start + vd_gather(panel->tile_start, *tile);
-    } else {
-        *tile = vd_int(vd_set(0));
-    }
-    return start;
-}
-
-ALWAYS_INLINE void run_lanes(const sim_panel *panel, const int32_t *xs, const int32_t *ys, const float *levels,
-                             int channel, const double *starts, double exposure, float *out, light_body *body) {
-    vd zero = vd_set(0), period = vd_set(panel->period), rate = vd_set(panel->rate);
-    vd x = vd_clamp(vd_load_int(xs), zero, vd_set((double)panel->width - 1));
-    light_lanes s;
-    s.y = vd_clamp(vd_load_int(ys), zero, vd_set((double)panel->height - 1));
-    s.level = vd_load_float(levels);
-    vd a = vd_load(starts) - start_of(panel, channel, x, s.y, &s.tile);
-    vd b = a + vd_set(exposure);
-    vd whole_a = vd_floor(a * rate), whole_b = vd_floor(b * rate);
-    s.a = vd_clamp(vd_fnma(whole_a, period, a), zero, period);
-    s.b = vd_clamp(vd_fnma(whole_b, period, b), zero, period);
-    vd light = vd_fma((whole_b - whole_a) * period, s.level, body(panel, channel, &s));
-    vd_store_float(out, light * vd_set(1 / exposure));
-}
-
-ALWAYS_INLINE void run(const sim_panel *panel, size_t n, const int32_t *x, const int32_t *y, const float *level,
-                       int channel, const double *start, double exposure, float *out, light_body *body) {
-    size_t i = 0;
-    for (; i + LANES <= n; i += LANES)
-        run_lanes(panel, x + i, y + i, level + i, channel, start + i, exposure, out + i, body);
-    if (i == n)
-        return;
-    int32_t last_x[LANES] = {0}, last_y[LANES] = {0};
-    float last_level[LANES] = {0}, last_out[LANES];
-    double last_start[LANES] = {0};
-    size_t left = n - i;
-    memcpy(last_x, x + i, left * sizeof *x);
-    memcpy(last_y, y + i, left * sizeof *y);
-    memcpy(last_level, level + i, left * sizeof *level);
-    memcpy(last_start, start + i, left * sizeof *start);
-    run_lanes(panel, last_x, last_y, last_level, channel, last_start, exposure, last_out, body);
-    memcpy(out + i, last_out, left * sizeof *out);
-}
-
 #define PARAMETERS                                                                                                     \
     const sim_panel *panel, size_t n, const int32_t *x, const int32_t *y, const float *level, int channel,             \
         const double *start, double exposure, float *out
 #define ARGUMENTS panel, n, x, y, level, channel, start, exposure, out
+
+ALWAYS_INLINE vi tile_of(const sim_panel *panel, vd x, vd y) {
+    if (panel->tile_start == NULL)
+        return vd_int(vd_set(0));
+    vd half = vd_set(0.5);
+    vd column = vd_floor((x + half) * vd_set(panel->tile_rate_x));
+    vd row = vd_floor((y + half) * vd_set(panel->tile_rate_y));
+    column = vd_min(column, vd_set((double)panel->tile_columns - 1));
+    row = vd_min(row, vd_set((double)panel->tile_rows - 1));
+    return vd_int(vd_fma(row, vd_set((double)panel->tile_columns), column));
+}
+
+/* When the period starts, but for the tile's share. */
+ALWAYS_INLINE vd start_of(const sim_panel *panel, int channel, vd x, vd y) {
+    vd start = vd_fma(x, vd_set(panel->start_x), vd_set(panel->start_channel[channel]));
+    start = vd_fma(y, vd_set(panel->start_y), start);
+    if (panel->scan > 1) {
+        vd group = vd_floor((y + vd_set(0.5)) * vd_set(panel->scan_rate));
+        group = vd_fnma(group, vd_set(panel->scan), y);
+        start = vd_fma(group, vd_set(panel->start_scan), start);
+    }
+    return start;
+}
+
+/* Splits an exposure that begins at `begin`: phases of its ends into *s, time of its whole periods. */
+ALWAYS_INLINE vd split(const sim_panel *panel, vd begin, vd start, double exposure, light_lanes *s) {
+    vd zero = vd_set(0), period = vd_set(panel->period), rate = vd_set(panel->rate);
+    if (panel->tile_start != NULL)
+        start = start + vd_gather(panel->tile_start, s->tile);
+    vd a = begin - start;
+    vd b = a + vd_set(exposure);
+    vd whole_a = vd_floor(a * rate), whole_b = vd_floor(b * rate);
+    s->a = vd_clamp(vd_fnma(whole_a, period, a), zero, period);
+    s->b = vd_clamp(vd_fnma(whole_b, period, b), zero, period);
+    return (whole_b - whole_a) * period;
+}
+
+ALWAYS_INLINE vd load_position(const int32_t *at, uint32_t size) {
+    return vd_clamp(vd_load_int(at), vd_set(0), vd_set((double)size - 1));
+}
+
+/* What is left when n is no multiple of LANES, as a whole group. */
+static void run_rest(sim_light_fn *kernel, PARAMETERS) {
+    int32_t xs[LANES] = {0}, ys[LANES] = {0};
+    float levels[LANES] = {0}, outs[LANES];
+    double starts[LANES] = {0};
+    memcpy(xs, x, n * sizeof *x);
+    memcpy(ys, y, n * sizeof *y);
+    memcpy(levels, level, n * sizeof *level);
+    memcpy(starts, start, n * sizeof *start);
+    kernel(panel, LANES, xs, ys, levels, channel, starts, exposure, outs);
+    memcpy(out, outs, n * sizeof *out);
+}
+
+ALWAYS_INLINE void run(sim_light_fn *kernel, PARAMETERS, light_body *body) {
+    size_t i = 0;
+    for (; i + LANES <= n; i += LANES) {
+        vd at = load_position(x + i, panel->width);
+        light_lanes s = {.y = load_position(y + i, panel->height), .level = vd_load_float(level + i)};
+        s.tile = tile_of(panel, at, s.y);
+        vd whole = split(panel, vd_load(start + i), start_of(panel, channel, at, s.y), exposure, &s);
+        vd_store_float(out + i, vd_fma(whole, s.level, body(panel, channel, &s)) * vd_set(1 / exposure));
+    }
+    if (i < n)
+        run_rest(kernel, panel, n - i, x + i, y + i, level + i, channel, start + i, exposure, out + i);
+}
+
+/*
+ * The same for light that is proportional to the level: `body` gives that of level 1. Neighbours in a row of a frame
+ * begin together and mostly share the start of their period, too: then it is not computed again.
+ */
+ALWAYS_INLINE void run_shared(sim_light_fn *kernel, PARAMETERS, light_body *body) {
+    vd whole = vd_set(0), rest = vd_set(0), last_begin = vd_set(NAN), last_from = vd_set(NAN);
+    vi last_tile = vd_int(vd_set(0));
+    size_t i = 0;
+    for (; i + LANES <= n; i += LANES) {
+        vd at = load_position(x + i, panel->width), levels = vd_load_float(level + i), begin = vd_load(start + i);
+        light_lanes s = {.y = load_position(y + i, panel->height), .level = vd_set(1)};
+        s.tile = tile_of(panel, at, s.y);
+        vd from = start_of(panel, channel, at, s.y);
+        if (vd_same(begin, last_begin) && vd_same(from, last_from) && vi_same(s.tile, last_tile)) {
+            vd_store_float(out + i, vd_fma(whole, levels, levels * rest) * vd_set(1 / exposure));
+            continue;
+        }
+        whole = split(panel, begin, from, exposure, &s);
+        rest = body(panel, channel, &s);
+        vd_store_float(out + i, vd_fma(whole, levels, levels * rest) * vd_set(1 / exposure));
+        whole = vd_last(whole), rest = vd_last(rest);
+        last_begin = vd_last(begin), last_from = vd_last(from), last_tile = vi_last(s.tile);
+    }
+    if (i < n)
+        run_rest(kernel, panel, n - i, x + i, y + i, level + i, channel, start + i, exposure, out + i);
+}
 
 /* ---- dc ---- */
 
@@ -160,7 +197,7 @@ ALWAYS_INLINE vd lcd_body(const sim_panel *panel, int channel, const light_lanes
     if (decays)
         pulse = pulse - (lcd_decay(d, channel, &z, s->b) - lcd_decay(d, channel, &z, s->a));
     vd gain = vd_set((1 - d->steady) * panel->period) / z.width;
-    return s->level * vd_fma(gain, pulse, vd_set(d->steady) * (s->b - s->a));
+    return vd_fma(gain, pulse, vd_set(d->steady) * (s->b - s->a));
 }
 
 ALWAYS_INLINE vd lcd_even(const sim_panel *panel, int channel, const light_lanes *s) {
@@ -179,13 +216,13 @@ ALWAYS_INLINE vd lcd_zones_decay(const sim_panel *panel, int channel, const ligh
 static void light_lcd(PARAMETERS) {
     bool decays = panel->d.lcd.decay[channel] > 0;
     if (panel->tile_start == NULL && !decays)
-        run(ARGUMENTS, lcd_even);
+        run_shared(light_lcd, ARGUMENTS, lcd_even);
     else if (panel->tile_start == NULL)
-        run(ARGUMENTS, lcd_even_decay);
+        run_shared(light_lcd, ARGUMENTS, lcd_even_decay);
     else if (!decays)
-        run(ARGUMENTS, lcd_zones);
+        run_shared(light_lcd, ARGUMENTS, lcd_zones);
     else
-        run(ARGUMENTS, lcd_zones_decay);
+        run_shared(light_lcd, ARGUMENTS, lcd_zones_decay);
 }
 
 /* ---- oled_pwm ---- */
@@ -211,11 +248,11 @@ ALWAYS_INLINE vd oled_body(const sim_panel *panel, int channel, const light_lane
         vd dip = oled_plain(d, vd_clamp(s->b, start, end)) - oled_plain(d, vd_clamp(s->a, start, end));
         sum = vd_fnma(vd_set(d->dip_depth), dip, sum);
     }
-    return s->level * vd_set(d->norm) * sum;
+    return vd_set(d->norm) * sum;
 }
 
 static void light_oled(PARAMETERS) {
-    run(ARGUMENTS, oled_body);
+    run_shared(light_oled, ARGUMENTS, oled_body);
 }
 
 /* ---- led_spwm ---- */
@@ -264,7 +301,7 @@ ALWAYS_INLINE vd led_body(const sim_panel *panel, int channel, const light_lanes
 }
 
 static void light_led(PARAMETERS) {
-    run(ARGUMENTS, led_body);
+    run(light_led, ARGUMENTS, led_body);
 }
 
 /* ---- bcm ---- */
@@ -286,7 +323,7 @@ ALWAYS_INLINE vd bcm_body(const sim_panel *panel, int channel, const light_lanes
 }
 
 static void light_bcm(PARAMETERS) {
-    run(ARGUMENTS, bcm_body);
+    run(light_bcm, ARGUMENTS, bcm_body);
 }
 
 /* ---- raster ---- */
@@ -298,7 +335,7 @@ ALWAYS_INLINE vd raster_body(const sim_panel *panel, int channel, const light_la
 }
 
 static void light_raster(PARAMETERS) {
-    run(ARGUMENTS, raster_body);
+    run(light_raster, ARGUMENTS, raster_body);
 }
 
 static sim_light_fn *vector_kernel(const sim_panel *panel) {

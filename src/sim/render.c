@@ -31,30 +31,31 @@ void sim_light_free(sim_light *light) {
     }
 }
 
-/* Mean of room light over [a, a+t]: lamps on the mains go as 1 + cos. */
-static double room(const sim_scene *s, double a, double t) {
-    double w = 6.283185307179586 * s->ambient_hz;
+double sim_room(const sim_render_job *job, double a, double t) {
+    double w = job->steady ? 0 : 6.283185307179586 * job->scene->ambient_hz;
     return w > 0 ? 1 + (sin(w * (a + t)) - sin(w * a)) / (w * t) : 1;
 }
 
 static void render_rows(void *arg, size_t begin, size_t end, int worker) {
     const sim_render_job *job = arg;
-    const sim_row *row = &job->rows[worker];
+    sim_row *row = &job->rows[worker];
     const sim_scene *s = job->scene;
     const size_t n = job->out->width;
     const int parts = job->parts, grid = s->supersample;
     const double share = 1.0 / (parts * grid * grid), part = job->exposure / parts;
     for (size_t y = begin; y < end; y++) {
+        const double begun = job->start + (double)y * job->row_time;
         for (int p = 0; p < parts; p++) {
-            double a = job->start + (double)y * job->row_time + p * part, map[9];
+            double a = begun + p * part, map[9];
             sim_scene_map(map, s, a + 0.5 * part, job->reference_middle);
-            float lamp = (float)(s->ambient * (job->steady ? 1 : room(s, a, part)));
+            const float room = (float)sim_room(job, a, part);
             for (size_t x = 0; x < n; x++)
                 row->start[x] = a;
             for (int g = 0; g < grid * grid; g++) {
-                double v = (double)y + (0.5 + g / grid) / grid, shifted[9];
+                /* In x all rays of the row are shifted. */
+                const double *ray = job->blur.ray[g], u = ray[0] / (double)n, v = (double)y + 0.5 + ray[1];
+                double shifted[9];
                 memcpy(shifted, map, sizeof map);
-                double u = ((0.5 + g % grid) / grid - 0.5) / (double)n; /* a shift of all rays of the row in x */
                 for (int i = 0; i < 3; i++)
                     shifted[3 * i + 2] += shifted[3 * i] * u;
                 job->loops->look(job, row, shifted, (v - 0.5 * job->out->height) / (double)n);
@@ -67,10 +68,13 @@ static void render_rows(void *arg, size_t begin, size_t end, int worker) {
                         light[ch] = row->light[ch];
                     }
                 }
-                job->loops->collect(job, row, light, (float)s->clutter, lamp, (float)(job->scale * share), y,
-                                    p + g == 0);
+                job->loops->collect(job, row, light, room, (float)(job->scale * share), y, p + g == 0);
             }
         }
+        if (job->glare.share > 0)
+            sim_glare_row(job, row, y, begun);
+        if (job->glare.share > 0 || s->vignetting > 0)
+            job->loops->finish(job, row, y);
     }
 }
 
@@ -101,52 +105,58 @@ static int parts_needed(const sim_render_job *job) {
 }
 
 static brace_status row_create(sim_row *row, size_t n, brace_error *error) {
-    char *m = row->memory = core_alloc(n, sizeof(double) + 11 * sizeof(float));
+    n = n > 64 ? n : 64; /* glare looks at the picture in 64 columns */
+    char *m = row->memory = core_alloc(n, sizeof(double) + 21 * sizeof(float));
     if (!m)
-        return core_fail_memory(error, n * 52, "rendering");
+        return core_fail_memory(error, n * 92, "rendering");
     row->start = (double *)m;
     float *f = (float *)(m + n * sizeof(double));
     row->x = (int32_t *)f, row->y = (int32_t *)f + n;
     for (size_t c = 0; c < 3; c++)
-        row->level[c] = f + (2 + c) * n, row->light[c] = f + (5 + c) * n;
-    row->cover = f + 8 * n, row->sx = f + 9 * n, row->sy = f + 10 * n;
+        row->level[c] = f + (2 + c) * n, row->light[c] = f + (5 + c) * n, row->around[c] = f + (8 + c) * n;
+    row->cover = f + 11 * n, row->sx = f + 12 * n, row->sy = f + 13 * n;
+    row->at = (int32_t *)(f + 14 * n), row->right = f + 15 * n, row->down = f + 16 * n, row->sum = f + 17 * n;
     return BRACE_OK;
 }
 
-brace_status sim_render(sim_light *out, const sim_scene *scene, const sim_camera *camera, const sim_texture *texture,
-                        const sim_panel *panel, int frame, const double to_camera[9], core_pool *pool,
-                        brace_error *error) {
+brace_status sim_render(sim_light *out, const sim_stage *stage, int frame, core_pool *pool, brace_error *error) {
+    const sim_scene *scene = stage->scene;
+    const double readout = stage->camera->readout;
     const int middle = scene->frames / 2, workers = core_pool_threads(pool);
-    const double reference_start = sim_frame_start(scene, camera->readout, middle);
+    const double reference_start = sim_frame_start(scene, readout, middle);
     sim_render_job job = {.out = out,
                           .scene = scene,
-                          .texture = texture,
-                          .panel = panel,
-                          .kernel = sim_light_kernel(panel, core_cpu_features()),
+                          .texture = stage->texture,
+                          .background = stage->background,
+                          .panel = stage->panel,
+                          .kernel = sim_light_kernel(stage->panel, core_cpu_features()),
                           .loops = sim_rows_for(core_cpu_features()),
-                          .row_time = camera->readout / scene->height,
-                          .reference_middle = reference_start + 0.5 * (camera->readout + scene->reference_time)};
+                          .row_time = readout / scene->height,
+                          .reference_middle = reference_start + 0.5 * (readout + scene->reference_time),
+                          .blur = sim_blur_of(scene)};
     if (frame >= 0) {
         job.exposure = ldexp(scene->reference_time, 2 * (frame - middle));
-        job.start = sim_frame_start(scene, camera->readout, frame);
+        job.start = sim_frame_start(scene, readout, frame);
         job.scale = scene->level * ldexp(1, 2 * (frame - middle));
     } else {
         /* In the field the truth is one more capture, after the shortest frame, eight times as long at an eighth of
          * the ISO; otherwise it is the mean light from where the reference stood, row by row. */
-        job.steady = !scene->field;
-        job.exposure = scene->field ? 8 * scene->reference_time : scene->reference_time;
-        job.start = scene->field ? sim_frame_start(scene, camera->readout, -1) : reference_start;
+        job.steady = frame == SIM_EXACT_TRUTH;
+        job.exposure = job.steady ? scene->reference_time : 8 * scene->reference_time;
+        job.start = job.steady ? reference_start : sim_frame_start(scene, readout, -1);
         job.scale = scene->level;
     }
     for (int i = 0; i < 9; i++)
-        job.matrix[i] = (float)to_camera[i];
+        job.matrix[i] = (float)stage->to_camera[i];
     job.parts = parts_needed(&job);
     job.rows = core_calloc((size_t)workers, sizeof *job.rows);
     brace_status status = job.rows ? BRACE_OK : core_fail_memory(error, (size_t)workers * 64, "rendering");
     for (int i = 0; i < workers && status == BRACE_OK; i++)
         status = row_create(&job.rows[i], out->width, error);
-    if (status == BRACE_OK)
+    if (status == BRACE_OK) {
+        sim_glare_prepare(&job, &job.rows[0], job.start + 0.5 * (job.exposure + readout));
         core_parallel(pool, out->height, 4, render_rows, &job);
+    }
     for (int i = 0; i < workers && job.rows; i++)
         core_free(job.rows[i].memory);
     core_free(job.rows);

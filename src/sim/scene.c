@@ -27,7 +27,7 @@ void sim_scene_default(sim_scene *s) {
                      .frame_gap = 0.05,
                      .subexposures = 1,
                      .supersample = 1,
-                     .noise = true};
+                     .noise = 1};
 }
 
 void sim_scene_sample(sim_scene *s, uint64_t seed, uint32_t sample, bool field) {
@@ -54,76 +54,12 @@ void sim_scene_sample(sim_scene *s, uint64_t seed, uint32_t sample, bool field) 
     if (field) {
         s->ambient = exp(core_random_range(&r, log(5e-4), log(0.03)));
         s->ambient_hz = core_random_below(&r, 3) == 0 ? 0 : core_random_below(&r, 2) ? 100 : 120;
-        s->nonuniformity = core_random_range(&r, 0, 0.02);
+        s->sensor_nonuniformity = core_random_range(&r, 0, 0.02);
         s->defocus = core_random_range(&r, 0, 1.5);
         s->clutter = exp(core_random_range(&r, log(1e-3), log(0.1)));
+        s->bezel = core_random_range(&r, 0, 0.03);
+        s->panel_nonuniformity = core_random_range(&r, 0, 0.03);
     }
-}
-
-typedef struct scene_range {
-    const char *name;
-    size_t offset;
-    double low, high;
-} scene_range;
-
-#define RANGE(field, low, high)                                                                                        \
-    { #field, offsetof(sim_scene, field), low, high }
-static const scene_range ranges[] = {
-    RANGE(reference_time, 1e-6, 10), RANGE(iso, 10, 1e6),     RANGE(level, 1e-4, 100),    RANGE(tremor_position, 0, 1),
-    RANGE(tremor_angle, 0, 1),       RANGE(frame_gap, 0, 10), RANGE(psf, 0, 10),          RANGE(glare, 0, 1),
-    RANGE(vignetting, 0, 1),         RANGE(ambient, 0, 10),   RANGE(ambient_hz, 0, 1000), RANGE(nonuniformity, 0, 0.5),
-    RANGE(defocus, 0, 20),           RANGE(clutter, 0, 10)};
-
-brace_status sim_scene_check(const sim_scene *s, brace_error *error) {
-    for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
-        double v = *(const double *)((const char *)s + ranges[i].offset);
-        if (!(v >= ranges[i].low && v <= ranges[i].high))
-            return core_fail(error, BRACE_ERROR_ARGUMENT, "%s: %g is out of range %g to %g", ranges[i].name, v,
-                             ranges[i].low, ranges[i].high);
-    }
-    if (s->width < 32 || s->height < 32 || s->width > 16384 || s->height > 16384)
-        return core_fail(error, BRACE_ERROR_ARGUMENT, "size: %ux%u is out of range 32x32 to 16384x16384", s->width,
-                         s->height);
-    if (s->frames < 3 || s->frames > 9 || s->frames % 2 == 0)
-        return core_fail(error, BRACE_ERROR_ARGUMENT, "frames: %d is not 3, 5, 7 or 9", s->frames);
-    if (s->subexposures < 1 || s->subexposures > 256)
-        return core_fail(error, BRACE_ERROR_ARGUMENT, "subexposures: %d is out of range 1 to 256", s->subexposures);
-    if (s->supersample != 1 && s->supersample != 2 && s->supersample != 4)
-        return core_fail(error, BRACE_ERROR_ARGUMENT, "supersample: %d is not 1, 2 or 4", s->supersample);
-    if (!(s->pose.translation[2] >= 0.05 && s->pose.translation[2] <= 100))
-        return core_fail(error, BRACE_ERROR_ARGUMENT, "distance: %g is out of range 0.05 to 100 screen widths",
-                         s->pose.translation[2]);
-    for (int i = 0; i < 3; i++)
-        if (!(fabs(s->pose.rotation[i]) <= 1.3 || i == 2) || !isfinite(s->pose.rotation[i]) ||
-            !(fabs(s->pose.translation[i]) <= 100))
-            return core_fail(error, BRACE_ERROR_ARGUMENT, "pose: the screen is turned or moved out of sight");
-    for (int i = 0; i < 2; i++)
-        if (!(fabs(s->distortion[i]) <= 0.5))
-            return core_fail(error, BRACE_ERROR_ARGUMENT, "distortion: %g is out of range -0.5 to 0.5",
-                             s->distortion[i]);
-    return BRACE_OK;
-}
-
-json_t *sim_scene_json(const sim_scene *s) {
-    json_t *out = json_object();
-    char seed[24]; /* JSON's integers end at 2^63 */
-    snprintf(seed, sizeof seed, "%llu", (unsigned long long)s->seed);
-    json_object_set_new(out, "seed", s->seed <= INT64_MAX ? json_integer((json_int_t)s->seed) : json_string(seed));
-    json_object_set_new(out, "sample", json_integer(s->sample));
-    json_object_set_new(out, "size", json_pack("[i,i]", (int)s->width, (int)s->height));
-    json_object_set_new(out, "frames", json_integer(s->frames));
-    for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++)
-        json_object_set_new(out, ranges[i].name, json_real(*(const double *)((const char *)s + ranges[i].offset)));
-    json_object_set_new(out, "rotation",
-                        json_pack("[f,f,f]", s->pose.rotation[0], s->pose.rotation[1], s->pose.rotation[2]));
-    json_object_set_new(out, "translation",
-                        json_pack("[f,f,f]", s->pose.translation[0], s->pose.translation[1], s->pose.translation[2]));
-    json_object_set_new(out, "distortion", json_pack("[f,f]", s->distortion[0], s->distortion[1]));
-    json_object_set_new(out, "subexposures", json_integer(s->subexposures));
-    json_object_set_new(out, "supersample", json_integer(s->supersample));
-    json_object_set_new(out, "noise", json_boolean(s->noise));
-    json_object_set_new(out, "field", json_boolean(s->field));
-    return out;
 }
 
 /* As the paper shoots: the longest frame first, the truth last. Time zero is where the seed says. */

@@ -4,9 +4,9 @@
  *
  *   screen (sRGB picture) -> display driver: cumulative light E(t) of every
  *   subpixel -> scene: which subpixel a pixel sees, when -> renderer: light that
- *   each pixel of the mosaic collects in its exposure -> degradation: glare,
- *   lens, vignetting, ambient light -> sensor: colour, noise, clipping, raw
- *   numbers -> frames and ground truth.
+ *   each pixel of the mosaic collects in its exposure, through the lens: blur,
+ *   glare, vignetting, and with the room's light -> sensor: colour, noise,
+ *   clipping, raw numbers -> frames and ground truth.
  *
  * All light is linear. A subpixel of linear level L in [0, 1] emits e(t) >= 0
  * whose mean over time is L (relative to a white pixel's mean); a driver gives
@@ -80,9 +80,11 @@ typedef struct sim_camera {
 } sim_camera;
 
 brace_status sim_camera_load(sim_camera *out, const char *name_or_path, brace_error *error);
+/* From text such as sim_camera_json gives; `name` is for messages. */
+brace_status sim_camera_parse(sim_camera *out, const char *json, const char *name, brace_error *error);
 json_t *sim_camera_json(const sim_camera *camera);
 
-/* ---- one capture (scene.c, render.c, degrade.c, sensor.c, simulate.c) ---- */
+/* ---- one capture (quantities.c, scene.c, render.c, lens.c, sensor.c, simulate.c) ---- */
 
 /* Where the screen stands in the camera's frame: rotation (radians, x y z),
  * and translation in screen widths; z is the distance. */
@@ -91,7 +93,9 @@ typedef struct sim_pose {
 } sim_pose;
 
 /* Everything that one capture depends on; sampled by sim_scene_sample, every
- * field can be set by hand afterwards. A zero strength switches an effect off. */
+ * field can be set by hand afterwards. A zero strength switches an effect off.
+ * quantities.c lists every field with its range, unit and effect: a field that is
+ * added here is added there, and nowhere else. */
 typedef struct sim_scene {
     uint64_t seed;
     uint32_t sample;           /* number of the sample: with the seed it keys all randomness */
@@ -104,17 +108,19 @@ typedef struct sim_scene {
     double tremor_position, tremor_angle; /* deviation over a second, screen widths and radians */
     double frame_gap;          /* dead time between frames, seconds */
     int subexposures;          /* for motion within an exposure, 1: none */
-    int supersample;           /* 1, 2 or 4 samples along each axis of a pixel */
+    int supersample;           /* 1, 2 or 4 rays along each axis of a pixel */
     double distortion[2];      /* Brown-Conrady k1, k2 */
     double psf;                /* lens blur, deviation in pixels */
+    double defocus;            /* radius of the disc that a point becomes, pixels */
     double glare;              /* share of the light that is spread widely */
     double vignetting;         /* loss at the corners */
-    double ambient;            /* light reflected by the screen, of white */
+    double ambient;            /* room light reflected by the screen, of white */
     double ambient_hz;         /* 0 steady, 100 or 120 */
-    double nonuniformity;      /* of panel and sensor, relative deviation */
-    double defocus;            /* radius in pixels */
-    double clutter;            /* brightness of what is around the screen, of white */
-    bool noise;                /* shot and read noise on */
+    double clutter;            /* brightness of what is around the screen, of white; flickers with the room */
+    double bezel;              /* width of the dark frame, in screen widths; only seen with clutter */
+    double panel_nonuniformity;  /* relative deviation of the subpixels' light */
+    double sensor_nonuniformity; /* relative deviation of the pixels' gain */
+    double noise;              /* deviation of shot and read noise, of what the camera's profile says */
     bool field;                /* ground truth captured as the paper does: 8 times the exposure at ISO/8 */
 } sim_scene;
 

@@ -2,6 +2,7 @@
 /* simulate.c: one capture: a bracket of RAW frames of a screen, and the truth. */
 #include "sim/simulate.h"
 
+#include <limits.h>
 #include <math.h>
 #include <string.h>
 
@@ -21,9 +22,11 @@ static brace_status make_frame(brace_frame **out, const sim_camera *camera, cons
     memcpy(f->as_shot_neutral, camera->neutral, sizeof camera->neutral);
     memcpy(f->color_matrix[0], camera->matrix, sizeof camera->matrix);
     f->illuminant[0] = 21;
+    /* The profile is a variance. A sensor that is told to be noiseless keeps that of its kind. */
+    const double variance = scene->noise > 0 ? scene->noise * scene->noise : 1;
     for (int c = 0; c < 3; c++) {
-        f->noise[c][0] = camera->noise_s * pow(iso / camera->iso_base, camera->noise_s_iso);
-        f->noise[c][1] = camera->noise_o * pow(iso / camera->iso_base, camera->noise_o_iso);
+        f->noise[c][0] = variance * camera->noise_s * pow(iso / camera->iso_base, camera->noise_s_iso);
+        f->noise[c][1] = variance * camera->noise_o * pow(iso / camera->iso_base, camera->noise_o_iso);
     }
     f->has_noise = true;
     snprintf(f->make, sizeof f->make, "%s", camera->make);
@@ -38,21 +41,32 @@ static brace_status make_frame(brace_frame **out, const sim_camera *camera, cons
     return BRACE_OK;
 }
 
-static brace_status capture_frame(brace_frame *f, const sim_scene *scene, const sim_camera *camera,
-                                  const sim_texture *texture, const sim_panel *panel, int frame,
-                                  const double to_camera[9], sim_light *light, core_pool *pool, brace_error *error) {
-    brace_status status = sim_render(light, scene, camera, texture, panel, frame, to_camera, pool, error);
-    if (status == BRACE_OK)
-        status = sim_degrade(light, scene, pool, error);
+static brace_status capture_frame(brace_frame *f, const sim_stage *stage, int frame, sim_light *light, core_pool *pool,
+                                  brace_error *error) {
+    brace_status status = sim_render(light, stage, frame, pool, error);
     if (status == BRACE_OK) /* a truth from the field has noise of its own, keyed after the frames' */
-        sim_expose(f, light, scene, frame < 0 && scene->field ? scene->frames : frame, pool);
+        status =
+            sim_expose(f, light, stage->scene, frame == SIM_FIELD_TRUTH ? stage->scene->frames : frame, pool, error);
     return status;
+}
+
+static brace_status capture_truth(brace_frame **out, sim_stage *stage, int kind, sim_light *light, core_pool *pool,
+                                  brace_error *error) {
+    const sim_scene *s = stage->scene;
+    const bool field = kind == SIM_FIELD_TRUTH;
+    brace_status status = make_frame(out, stage->camera, s, field ? 8 * s->reference_time : s->reference_time,
+                                     field ? s->iso / 8 : s->iso,
+                                     sim_frame_start(s, stage->camera->readout, field ? -1 : s->frames / 2), error);
+    for (int c = 0; c < 3 && status == BRACE_OK && !field; c++) /* as good as noiseless: readers expect a profile */
+        (*out)->noise[c][0] = (*out)->noise[c][1] = 1e-9;
+    return status == BRACE_OK ? capture_frame(*out, stage, kind, light, pool, error) : status;
 }
 
 void sim_capture_free(sim_capture *capture) {
     for (int i = 0; i < capture->count; i++)
         brace_frame_destroy(capture->frame[i]);
     brace_frame_destroy(capture->truth);
+    brace_frame_destroy(capture->exact);
     json_decref(capture->meta);
     *capture = (sim_capture){0};
 }
@@ -61,7 +75,7 @@ brace_status sim_capture_create(sim_capture *out, const brace_image *screen, con
                                 const sim_camera *camera, const sim_scene *scene, const brace_job *job,
                                 brace_error *error) {
     *out = (sim_capture){0};
-    sim_texture texture = {0};
+    sim_texture texture = {0}, background = {0};
     sim_panel *panel = NULL;
     sim_light light = {0};
     core_pool *pool = NULL;
@@ -70,17 +84,24 @@ brace_status sim_capture_create(sim_capture *out, const brace_image *screen, con
         status = core_pool_create(&pool, job, error);
     if (status == BRACE_OK)
         status = sim_texture_create(&texture, screen, error);
+    if (status == BRACE_OK && scene->panel_nonuniformity > 0)
+        sim_texture_uneven(&texture, scene, pool);
     if (status == BRACE_OK)
         status = sim_panel_create(&panel, display, texture.level[0].rgb, texture.width, texture.height, error);
+    if (status == BRACE_OK && scene->clutter > 0)
+        status = sim_background_create(&background, scene, error);
     if (status == BRACE_OK)
         status = sim_light_create(&light, scene->width, scene->height, error);
-    const int middle = scene->frames / 2;
-    double to_camera[9] = {0};
+    sim_stage stage = {.scene = scene,
+                       .camera = camera,
+                       .texture = &texture,
+                       .background = background.levels > 0 ? &background : NULL,
+                       .panel = panel};
     for (int i = 0; i < scene->frames && status == BRACE_OK; i++) {
         if ((status = core_check_cancel(job, error)) != BRACE_OK)
             break;
-        status = make_frame(&out->frame[i], camera, scene, ldexp(scene->reference_time, 2 * (i - middle)), scene->iso,
-                            sim_frame_start(scene, camera->readout, i), error);
+        status = make_frame(&out->frame[i], camera, scene, ldexp(scene->reference_time, 2 * (i - scene->frames / 2)),
+                            scene->iso, sim_frame_start(scene, camera->readout, i), error);
         if (status != BRACE_OK)
             break;
         out->count = i + 1;
@@ -89,21 +110,15 @@ brace_status sim_capture_create(sim_capture *out, const brace_image *screen, con
             if ((status = brace_color_init(&color, out->frame[0], error)) != BRACE_OK)
                 break;
             for (int k = 0; k < 9; k++)
-                to_camera[k] = color.srgb_to_camera[k] / color.wb[k / 3];
+                stage.to_camera[k] = color.srgb_to_camera[k] / color.wb[k / 3];
         }
-        status = capture_frame(out->frame[i], scene, camera, &texture, panel, i, to_camera, &light, pool, error);
+        status = capture_frame(out->frame[i], &stage, i, &light, pool, error);
     }
     if (status == BRACE_OK)
         status =
-            make_frame(&out->truth, camera, scene, scene->field ? 8 * scene->reference_time : scene->reference_time,
-                       scene->field ? scene->iso / 8 : scene->iso,
-                       sim_frame_start(scene, camera->readout, scene->field ? -1 : middle), error);
-    if (status == BRACE_OK) {
-        if (!scene->field) /* as good as noiseless, and readers that want a profile have one */
-            for (int c = 0; c < 3; c++)
-                out->truth->noise[c][0] = out->truth->noise[c][1] = 1e-9;
-        status = capture_frame(out->truth, scene, camera, &texture, panel, -1, to_camera, &light, pool, error);
-    }
+            capture_truth(&out->truth, &stage, scene->field ? SIM_FIELD_TRUTH : SIM_EXACT_TRUTH, &light, pool, error);
+    if (status == BRACE_OK && scene->field)
+        status = capture_truth(&out->exact, &stage, SIM_EXACT_TRUTH, &light, pool, error);
     if (status == BRACE_OK) {
         out->meta =
             json_pack("{s:o,s:o,s:o,s:[i,i]}", "scene", sim_scene_json(scene), "display", sim_display_json(display),
@@ -113,9 +128,28 @@ brace_status sim_capture_create(sim_capture *out, const brace_image *screen, con
     }
     sim_light_free(&light);
     sim_panel_destroy(panel);
+    sim_texture_free(&background);
     sim_texture_free(&texture);
     core_pool_destroy(pool);
     if (status != BRACE_OK)
         sim_capture_free(out);
+    return status;
+}
+
+brace_status sim_capture_write(const sim_capture *capture, const char *folder, const brace_dng_params *params,
+                               const brace_job *job, brace_error *error) {
+    brace_status status = BRACE_OK;
+    for (int i = 0; i < capture->count + 2 && status == BRACE_OK; i++) {
+        const int truth = i - capture->count; /* 0, 1: the truths */
+        const brace_frame *frame = truth < 0 ? capture->frame[i] : truth == 0 ? capture->truth : capture->exact;
+        char path[PATH_MAX];
+        int n = truth < 0    ? snprintf(path, sizeof path, "%s/frame_%d.dng", folder, i + 1)
+                : truth == 0 ? snprintf(path, sizeof path, "%s/gt.dng", folder)
+                             : snprintf(path, sizeof path, "%s/gt_exact.dng", folder);
+        if (n >= (int)sizeof path)
+            status = core_fail(error, BRACE_ERROR_ARGUMENT, "%.200s...: the name is too long", folder);
+        else if (frame != NULL)
+            status = brace_frame_write_dng(frame, path, params, job, error);
+    }
     return status;
 }

@@ -8,6 +8,7 @@
  *   size FILE                   width, height, channels, bits of a picture
  *   same A B LIMIT              whether two pictures differ by at most LIMIT of 255 in the mean
  *   damage IN OUT SEED          flips some bits
+ *   white FILE.png SIDE         a square picture of one colour, in one bit a pixel
  *   stop MILLISECONDS SIGNAL[,SIGNAL...] COMMAND...  runs a command, sends signals, 20 ms
  *                               apart, and prints its exit code (128 + N for signal N)
  */
@@ -22,6 +23,7 @@
 #include <unistd.h>
 
 #include <jansson.h>
+#include <zlib.h>
 
 #include "brace/brace.h"
 #include "core/core.h"
@@ -224,6 +226,51 @@ static int same(const char *a, const char *b, double limit) {
     return sum <= limit ? 0 : 1;
 }
 
+/* ---- white ---- */
+
+static void put_chunk(FILE *f, const char *type, const unsigned char *data, size_t size) {
+    unsigned char word[4];
+    uLong crc = crc32(crc32(0, (const unsigned char *)type, 4), data, (uInt)size);
+    for (int k = 0; k < 2; k++) {
+        const size_t value = k == 0 ? size : crc;
+        for (int i = 0; i < 4; i++) {
+            word[i] = (unsigned char)(value >> (24 - 8 * i));
+        }
+        fwrite(word, 1, 4, f);
+        if (k == 0) {
+            fwrite(type, 1, 4, f);
+            fwrite(data, 1, size, f);
+        }
+    }
+}
+
+static int white(const char *path, unsigned side) {
+    const size_t row = 1 + (side + 7) / 8; /* the row's filter, then its pixels */
+    unsigned char *rows = malloc(row * side);
+    uLongf size = compressBound((uLong)(row * side));
+    unsigned char *packed = malloc(size);
+    FILE *f = fopen(path, "wb");
+    if (rows == NULL || packed == NULL || f == NULL) {
+        return fail("no memory or no file");
+    }
+    memset(rows, 0xff, row * side);
+    for (size_t y = 0; y < side; y++) {
+        rows[y * row] = 0;
+    }
+    compress2(packed, &size, rows, (uLong)(row * side), 1);
+    unsigned char header[13] = {0, 0, 0, 0, 0, 0, 0, 0, 1};
+    for (int i = 0; i < 4; i++) {
+        header[i] = header[4 + i] = (unsigned char)(side >> (24 - 8 * i));
+    }
+    fwrite("\x89PNG\r\n\x1a\n", 1, 8, f);
+    put_chunk(f, "IHDR", header, sizeof header);
+    put_chunk(f, "IDAT", packed, size);
+    put_chunk(f, "IEND", header, 0);
+    free(rows);
+    free(packed);
+    return fclose(f) == 0 ? 0 : fail("cannot write");
+}
+
 /* ---- stop ---- */
 
 static void wait_ms(long ms) {
@@ -276,8 +323,11 @@ int main(int argc, char **argv) {
     if (strcmp(name, "same") == 0 && argc == 3) {
         return same(argv[0], argv[1], atof(argv[2]));
     }
+    if (strcmp(name, "white") == 0 && argc == 2) {
+        return white(argv[0], (unsigned)atol(argv[1]));
+    }
     if (strcmp(name, "stop") == 0) {
         return stop(argc, argv);
     }
-    return fail("edit, damage, json, mean, size, same or stop");
+    return fail("edit, damage, json, mean, size, same, white or stop");
 }

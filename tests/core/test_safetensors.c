@@ -211,6 +211,13 @@ static void test_sha256(void **state) {
     assert_int_equal(core_sha256_file(hex, "/nowhere", &size, NULL), BRACE_ERROR_IO);
 }
 
+/* The same without the processor's own instructions. */
+static void test_sha256_plain(void **state) {
+    setenv("BRACE_CPU", "plain", 1);
+    test_sha256(state);
+    unsetenv("BRACE_CPU");
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_round_trip, setup, teardown),
@@ -218,6 +225,7 @@ int main(void) {
         cmocka_unit_test(test_lies),
         cmocka_unit_test(test_memory_ends),
         cmocka_unit_test(test_sha256),
+        cmocka_unit_test(test_sha256_plain),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -61,7 +61,13 @@ brace_bracket *scene_bracket(const scene *s) {
             }
             for (uint32_t x = 0; x < s->width; x++) {
                 double move = (i - 2) * s->shift, at_x = x - move, at_y = y - move;
-                double v = ratio * gain * scene_light(s, at_x, at_y, brace_cfa_color(s->cfa, x, y));
+                int color = brace_cfa_color(s->cfa, x, y), steps = s->smear > 0 && i > 2 ? 8 : 1;
+                double light = 0;
+                if (s->flashes && i < 2)
+                    gain = (y / 3 + 3 * (uint32_t)i + 5 * (x / 20) + 3 * (uint32_t)color) % 8 == 0 ? 8 : 0.01;
+                for (int k = 0; k < steps; k++)
+                    light += scene_light(s, at_x, at_y + s->smear * (i - 2) * ((k + 0.5) / steps - 0.5), color) / steps;
+                double v = ratio * gain * light;
                 core_random r = core_random_create(s->seed, (uint32_t)i, x, y);
                 if (!s->no_noise)
                     v += core_random_normal(&r) * sqrt(1e-4 * v + 1e-7);

@@ -13,6 +13,8 @@ typedef struct scene {
     double duty;      /* share of the time it is lit */
     double reference; /* reference exposure in pulses */
     double shift;     /* motion of frame i against the reference: (i - middle)*shift pixels in x and y */
+    double smear;     /* the longer frames are moved up and down this many pixels, each, while they are exposed */
+    bool flashes;     /* the shorter frames meet one line in eight of the light, eightfold, each block and colour in turn */
     bool paper;       /* bright page with rows of ink instead of texture all over */
     bool no_noise;
     uint64_t seed;

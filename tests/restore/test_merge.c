@@ -84,6 +84,39 @@ static void test_steady_white_page(void **state) {
                     .width = 384, .height = 320, .level = 0.6, .paper = true, .shift = 0.3, .seed = 8}) > -0.05);
 }
 
+static void test_smeared_long_frames(void **state) {
+    (void)state;
+    /* Steady text, the longer frames blurred by the hand: they must not blur the result. */
+    assert_true(gain_of_merge(&(scene){.width = 384,
+                                       .height = 320,
+                                       .level = 0.06,
+                                       .paper = true,
+                                       .shift = 0.3,
+                                       .smear = 3,
+                                       .seed = 12}) > 0);
+}
+
+static void test_flashes(void **state) {
+    (void)state;
+    /* The reference clips in places, and the shorter frames met the light's pulses in few of their rows only: where
+     * they saw nothing, the page is not dark. */
+    scene s = {.width = 256, .height = 192, .level = 1.3, .flashes = true, .seed = 13};
+    brace_bracket *bracket = scene_bracket(&s);
+    brace_restored *merged = restore(bracket, BRACE_METHOD_MERGE, 0);
+    size_t clipped = 0, dark = 0;
+    for (uint32_t y = 8; y < s.height - 8; y++)
+        for (uint32_t x = 8; x < s.width - 8; x++)
+            if (scene_light(&s, x, y, brace_cfa_color(s.cfa, x, y)) > 1.05) {
+                clipped++;
+                dark += merged->mosaic[y * s.width + x] < 0.7f;
+            }
+    print_message("%zu of %zu clipped samples are dark\n", dark, clipped);
+    assert_true(clipped > 200);
+    assert_true(dark < clipped / 10);
+    brace_restored_destroy(merged);
+    brace_bracket_destroy(bracket);
+}
+
 static void test_highlights(void **state) {
     (void)state;
     /* Brighter than the reference can hold: told by the shorter frames. */
@@ -247,6 +280,8 @@ int main(void) {
         cmocka_unit_test(test_backlight),
         cmocka_unit_test(test_white_page),
         cmocka_unit_test(test_steady_white_page),
+        cmocka_unit_test(test_smeared_long_frames),
+        cmocka_unit_test(test_flashes),
         cmocka_unit_test(test_highlights),
         cmocka_unit_test(test_reference_is_untouched),
         cmocka_unit_test(test_threads_do_not_matter),

@@ -22,6 +22,7 @@
 #include "core/sha256.h"
 #include "sim/dataset.h"
 #include "sim/dataset_priors.h"
+#include "sim/quantities.h"
 
 #define assert_near(a, b, limit) assert_true(fabs((double)(a) - (double)(b)) <= (limit))
 
@@ -579,6 +580,56 @@ static void test_build(void **state) {
     assert_int_equal(dataset_build(in("stopped"), &params, &done, &stopped, &error), BRACE_ERROR_CANCELLED);
 }
 
+#define PLAIN "{\"displays\": {\"crt_60\": 1}, \"flicker_free\": 0, \"scene\": "
+
+/* Every quantity may have a probability, and every shape stays in its range. */
+static void test_priors_reach_every_effect(void **state) {
+    (void)state;
+    FILE *f = fopen(in("p.json"), "w");
+    fputs(PLAIN "{\"supersample\": {\"choice\": [1, 4]}", f);
+    size_t effects = 0;
+    for (size_t i = 0; i < sim_quantity_count; i++) {
+        const sim_quantity *q = &sim_quantities[i];
+        if (q->effect != NULL) {
+            effects++;
+            fprintf(f, ", \"%s\": {\"uniform\": [%g, %g], \"probability\": 0.25}", q->name, q->high / 2, q->high);
+        }
+    }
+    fputs(", \"subexposures\": {\"log_uniform\": [1, 8]}, \"ambient_hz\": {\"choice\": [0, 100, 120]}}}", f);
+    fclose(f);
+    dataset_priors *priors = NULL;
+    if (dataset_priors_load(&priors, in("p.json"), &error) != BRACE_OK) {
+        fail_msg("%s", error.message);
+    }
+    assert_true(effects > 15);
+    size_t on = 0, hertz[3] = {0}, four = 0, parts = 0;
+    for (uint32_t k = 0; k < 1000; k++) {
+        sim_scene s;
+        sim_scene_default(&s);
+        dataset_priors_scene(&s, priors, 8, k);
+        if (sim_scene_check(&s, &error) != BRACE_OK) {
+            fail_msg("%s", error.message);
+        }
+        for (size_t i = 0; i < sim_quantity_count; i++) {
+            const double v = sim_quantity_get(&s, &sim_quantities[i]);
+            if (sim_quantities[i].effect != NULL) {
+                on += v != 0;
+                assert_true(v == 0 || v >= sim_quantities[i].high / 2);
+            }
+        }
+        hertz[s.ambient_hz == 0 ? 0 : s.ambient_hz == 100 ? 1 : 2]++;
+        four += s.supersample == 4;
+        parts += (size_t)s.subexposures;
+    }
+    assert_near((double)on / (double)(1000 * effects), 0.25, 0.02);
+    for (int i = 0; i < 3; i++) {
+        assert_near((double)hertz[i], 333, 60);
+    }
+    assert_near((double)four, 500, 60);
+    assert_true(parts > 2500 && parts < 5000);
+    dataset_priors_destroy(priors);
+}
+
 static void test_priors(void **state) {
     (void)state;
     static const struct {
@@ -592,6 +643,15 @@ static void test_priors(void **state) {
         {"{\"displays\": {\"crt_60\": 1}, \"flicker_free\": 0, \"scene\": {\"isoo\": 1}}", "isoo"},
         {"{\"displays\": {\"crt_60\": 1}, \"flicker_free\": 0,\n\"scene\": {\"iso\": {\"uniform\": [5, 2]}}}", ":2"},
         {"{\"displays\": {\"crt_60\": 1}, \"flicker_free\": 0, \"scene\": {\"iso\": {}}}", "iso"},
+        {PLAIN "{\"psf\": 11}}", "psf: 11 is out of range"},
+        {PLAIN "{\"frames\": 3}}", "frames"},
+        {PLAIN "{\"nonuniformity\": 0.1}}", "nonuniformity"},
+        {PLAIN "{\"iso\": {\"uniform\": [100, 200], \"probability\": 0.5}}}", "cannot be 0"},
+        {PLAIN "{\"supersample\": {\"uniform\": [1, 4]}}}", "1, 2 or 4"},
+        {PLAIN "{\"supersample\": {\"choice\": [1, 3]}}}", "3 is none of"},
+        {PLAIN "{\"supersample\": 3}}", "3 is none of"},
+        {PLAIN "{\"ambient_hz\": {\"choice\": []}}}", "ambient_hz"},
+        {PLAIN "{\"psf\": {\"choice\": [1], \"uniform\": [1, 2]}}}", "one of"},
         {"{\"displays\": ", "json"},
     };
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
@@ -611,14 +671,14 @@ static void test_priors(void **state) {
     double low = 1, high = 0;
     for (uint32_t i = 0; i < 1000; i++) {
         dataset_draw draw;
-        sim_scene scene = {.psf = 0.7};
+        sim_scene scene = {.supersample = 4};
         dataset_priors_draw(&draw, priors, 5, i);
         dataset_priors_scene(&scene, priors, 5, i);
         steady += draw.flicker_free;
         assert_int_equal(draw.flicker_free, strcmp(draw.display, "steady") == 0);
         low = fmin(low, scene.reference_time);
         high = fmax(high, scene.reference_time);
-        assert_near(scene.psf, 0.7, 0); /* not spoken of */
+        assert_near(scene.supersample, 4, 0); /* not spoken of */
     }
     assert_int_equal(steady, 100);
     assert_true(low >= 1.0 / 4000 && low < 1.0 / 3800 && high <= 0.0333334 && high > 1.0 / 33);
@@ -635,6 +695,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(test_import, setup, teardown),
         cmocka_unit_test_setup_teardown(test_build, setup, teardown),
         cmocka_unit_test_setup_teardown(test_priors, setup, teardown),
+        cmocka_unit_test_setup_teardown(test_priors_reach_every_effect, setup, teardown),
         cmocka_unit_test(test_reduce),
         cmocka_unit_test(test_displacement),
     };

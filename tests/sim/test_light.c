@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * test_light.c: every vectorised light kernel against the plain one, with
- * hostile input, odd lengths and guarded ends. With --bench: samples a second.
+ * hostile input, odd lengths and guarded ends.
  */
 #include <string.h>
 
@@ -53,6 +53,18 @@ static void fill(core_random *r, const sim_panel *p, size_t n) {
         default:
             break;
         }
+    }
+}
+
+/* As in a frame: samples that start together and go along a row of the screen, often several to a pixel or zone,
+ * with a neighbour here and there. */
+static void fill_row(core_random *r, const sim_panel *p, size_t n) {
+    const double step = core_random_range(r, 0.01, 2), slope = core_random_range(r, -0.02, 0.02);
+    const uint32_t first = core_random_below(r, p->width), y = core_random_below(r, p->height);
+    for (size_t i = 0; i < n; i++) {
+        xs[i] = (int32_t)(first + step * (double)i) % (int32_t)p->width + (core_random_below(r, 50) == 0);
+        ys[i] = (int32_t)(y + slope * (double)i);
+        starts[i] = starts[0];
     }
 }
 
@@ -111,9 +123,11 @@ static void check_kernels(const sim_panel *p, core_random *r) {
 #endif
     (void)cpu;
     static const size_t sizes[] = {0, 1, 3, 4, 7, 8, 9, 31, 1000, MOST};
-    for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
-        size_t n = sizes[s];
+    for (size_t s = 0; s < 2 * sizeof sizes / sizeof *sizes; s++) {
+        size_t n = sizes[s / 2];
         fill(r, p, n);
+        if (s % 2 == 1)
+            fill_row(r, p, n);
         int channel = (int)core_random_below(r, 3);
         double exposure = test_log_range(r, 4e-6, 1);
         for (int k = 0; k < 2; k++)
@@ -201,57 +215,7 @@ static void test_hostile(void **state) {
     free(rgb);
 }
 
-static void bench(void) {
-    static const char *const names[] = {"steady",
-                                        "laptop_lcd_25000",
-                                        "monitor_lcd_240",
-                                        "monitor_miniled_480",
-                                        "phone_oled_60_240",
-                                        "phone_oled_120_480",
-                                        "led_wall_3840_16",
-                                        "led_wall_3840_low",
-                                        "hub75_300",
-                                        "dlp_120",
-                                        "crt_60"};
-    enum { W = 1024, H = 256 };
-    float *rgb = test_screen(W, H, 1);
-    printf("%-22s %10s %10s %10s   million samples/s/core\n", "", "plain", "AVX2", "AVX-512");
-    for (size_t k = 0; k < sizeof names / sizeof *names; k++) {
-        sim_display *display = NULL;
-        sim_panel *p = NULL;
-        assert_int_equal(sim_display_load(&display, names[k], NULL), BRACE_OK);
-        assert_int_equal(sim_panel_create(&p, display, rgb, W, H, NULL), BRACE_OK);
-        printf("%-22s", names[k]);
-        for (int v = 0; v < 3; v++) {
-            core_cpu have = core_cpu_features(), cpu = {have.avx2 && v >= 1, have.avx512 && v == 2, false};
-            sim_light_fn *kernel = sim_light_kernel(p, cpu);
-            for (size_t i = 0; i < 1024; i++) {
-                xs[i] = (int32_t)i;
-                levels[i] = rgb[i];
-            }
-            double begin = core_seconds(), done = 0;
-            for (int32_t y = 0; core_seconds() - begin < 0.15; y = (y + 1) % H) {
-                for (size_t i = 0; i < 1024; i++) {
-                    ys[i] = y;
-                    starts[i] = 1.5 + y * 1e-5;
-                }
-                kernel(p, 1024, xs, ys, levels, y % 3, starts, 0.001, fast);
-                done += 1024;
-            }
-            printf(" %10.1f", done / (core_seconds() - begin) * 1e-6);
-        }
-        printf("\n");
-        sim_panel_destroy(p);
-        sim_display_destroy(display);
-    }
-    free(rgb);
-}
-
-int main(int argc, char **argv) {
-    if (argc > 1 && strcmp(argv[1], "--bench") == 0) {
-        bench();
-        return 0;
-    }
+int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_kernels), cmocka_unit_test(test_whole_periods),
                                        cmocka_unit_test(test_hostile)};
     return cmocka_run_group_tests(tests, NULL, NULL);
