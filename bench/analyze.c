@@ -80,9 +80,10 @@ static int measure(const char *display, const char *screen, const char *camera, 
            b.frame[0].exposure_time, truth, b.confidence, b.hz, b.base_hz, b.spread, info.readout,
            brace_banding_source_name(b.source), b.frequency_error, b.frequency_confidence);
     for (size_t i = 0; i < 5; i++)
-        printf("\t%.4f\t%.4f\t%.4f\t%.4f\t%.5g\t%.1f\t%d\t%.4g", i < b.count ? b.frame[i].confidence : 0,
+        printf("\t%.4f\t%.4f\t%.4f\t%.4f\t%.5g\t%.1f\t%d\t%.4g\t%.4g\t%.4g", i < b.count ? b.frame[i].confidence : 0,
                b.frame[i].contrast, b.frame[i].share, b.frame[i].told, b.frame[i].hz, b.frame[i].orientation,
-               b.frame[i].compared, b.frame[i].prominence);
+               b.frame[i].compared, b.frame[i].prominence, b.frame[i].uneven,
+               b.frame[i].row_noise);
     printf("\n");
     fflush(stdout);
     return 0;
@@ -126,7 +127,7 @@ int main(int argc, char **argv) {
         const char *camera = cameras[i % 5];
         brace_simulated *capture = NULL, *steady = NULL;
         failed += simulate(&capture, flickering, camera, screen, i) || simulate(&steady, "steady", camera, screen, i);
-        for (int alone = 0; alone < (backlights ? 1 : 2) && failed == 0; alone++) {
+        for (int alone = 0; alone < (getenv("ONLY") || backlights ? 1 : 2) && failed == 0; alone++) {
             failed += measure(flickering, name, camera, i, true_contrast(capture->frames[0], steady->frames[0]),
                               capture, alone);
             failed += measure("steady", name, camera, i, 0, steady, alone);

@@ -10,12 +10,12 @@ _brace()
     local raw='@(dng|DNG|3fr|3FR|arw|ARW|cr2|CR2|cr3|CR3|crw|CRW|nef|NEF|nrw|NRW|orf|ORF|pef|PEF|raf|RAF|raw|RAW|rw2|RW2|rwl|RWL|srw|SRW)'
 
     if [[ $COMP_CWORD -eq 1 ]]; then
-        mapfile -t COMPREPLY < <(compgen -W 'restore info metrics simulate dataset bench help --help --version' -- "$cur")
+        mapfile -t COMPREPLY < <(compgen -W 'restore info analyze metrics simulate dataset bench help --help --version' -- "$cur")
         return
     fi
     command=${COMP_WORDS[1]}
     if [[ $command == help ]]; then
-        mapfile -t COMPREPLY < <(compgen -W 'restore info metrics simulate dataset bench' -- "$cur")
+        mapfile -t COMPREPLY < <(compgen -W 'restore info analyze metrics simulate dataset bench' -- "$cur")
         return
     fi
 
@@ -90,6 +90,8 @@ _brace()
     fi
 
     case $prev in
+        -c | --camera | -p | --plot) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -f -- "$cur"); return ;;
+        --readout) return ;;
         -m | --method) mapfile -t COMPREPLY < <(compgen -W 'merge reference' -- "$cur"); return ;;
         -f | --format) mapfile -t COMPREPLY < <(compgen -W 'dng tif png jpg webp' -- "$cur"); return ;;
         --bits) mapfile -t COMPREPLY < <(compgen -W '8 16 32' -- "$cur"); return ;;
@@ -103,6 +105,7 @@ _brace()
                     options+=' --output --format --bits --quality --exposure --reference --exposures --method'
                     options+=' --no-align --verbose'
                 fi
+                [[ $command != analyze ]] || options+=' --readout --camera --plot --no-align'
                 mapfile -t COMPREPLY < <(compgen -W "$options" -- "$cur")
                 return
             fi

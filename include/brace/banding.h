@@ -170,6 +170,8 @@ typedef struct brace_banding_frame {
     double orientation; /* of the stripes, degrees in [0, 180): 0 along the rows, 90 along the columns */
     double contrast;    /* modulation depth (max - min)/(max + min) of the light over one period */
     double share;       /* of the rows' variation that the stripes explain, 0 to 1 */
+    double row_noise;   /* of the light of one row of a zone */
+    double uneven;      /* of frames compared: half the spread (10 to 90 %) of the rows' light about its mean */
     double prominence;  /* power of the line over what surrounds it in the spectrum */
     double frequency_error; /* expected relative error of the frequency, one standard deviation */
     double harmonic[BRACE_BANDING_HARMONICS]; /* amplitude of the light's 1st, 2nd, ... harmonic over its mean */
@@ -208,6 +210,10 @@ typedef struct brace_banding {
     double alias_hz[BRACE_BANDING_ALIASES]; /* what would look the same: rows sample the light */
     bool alias_possible[BRACE_BANDING_ALIASES]; /* false: too fast to show the contrast that was measured */
     size_t aliases;
+    /* How the contrast decays with exposure time, against |sinc(hz T)|: 0 as light of that frequency does,
+     * or too little told; 1 more slowly, -1 faster. Not 0 means that the readout is wrong or the display's rows are
+     * scanned: then hz and the shutter times are wrong as well. */
+    int decay;
     brace_banding_source source;
     brace_banding_shutter usual[BRACE_BANDING_SHUTTERS]; /* third stops, 1/8000 s to 1/4 s, longest first */
     size_t usuals;

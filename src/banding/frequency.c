@@ -40,6 +40,9 @@ double banding_frequency_confidence(const brace_banding *b, const brace_banding_
 void banding_frame_fill(brace_banding_frame *out, const banding_line *line, const banding_profile *profile) {
     out->compared = !profile->steps;
     out->told = profile->covered;
+    double noise;
+    banding_profile_evenness(profile, &out->uneven, &noise);
+    out->row_noise = noise;
     out->confidence = banding_confidence(line, profile);
     if (!line->found)
         return;
@@ -83,6 +86,27 @@ static double predicted(const double light[BRACE_BANDING_HARMONICS], double hz, 
     return fmin(1, sum);
 }
 
+/* The frames' contrasts against each other. 3 % of frequency are forgiven: near a zero of the sinc they matter. */
+static int decay(const brace_banding *b) {
+    double light[BRACE_BANDING_HARMONICS];
+    int slower = 0, faster = 0;
+    if (!light_harmonics(light, b))
+        return 0;
+    for (size_t i = 0; i < b->count; i++) {
+        const brace_banding_frame *f = &b->frame[i];
+        if (!f->compared || f->confidence < 0.5 || !(f->exposure_time > 0))
+            continue;
+        double low = INFINITY, high = 0;
+        for (int shift = -3; shift <= 3; shift++) {
+            const double expected = light[0] * fabs(sinc((1 + 0.01 * shift) * b->hz * f->exposure_time));
+            low = fmin(low, expected), high = fmax(high, expected);
+        }
+        slower += f->harmonic[0] > 2.5 * high + 0.03;
+        faster += low > 3 * f->harmonic[0] + 0.1;
+    }
+    return slower > faster ? 1 : faster > slower ? -1 : 0;
+}
+
 static void shutters(brace_banding *b) {
     static const double usual[] = {4,   5,   6,   8,   10,  13,  15,  20,   25,   30,   40,   50,   60,   80,   100,  125, 160,
                                    200, 250, 320, 400, 500, 640, 800, 1000, 1250, 1600, 2000, 2500, 3200, 4000, 5000, 6400,
@@ -114,6 +138,8 @@ static brace_banding_source source(const brace_banding *b) {
         return BRACE_BANDING_SCANNED;
     if (b->hz <= 0)
         return BRACE_BANDING_UNKNOWN;
+    if (b->decay != 0)
+        return b->decay < 0 ? BRACE_BANDING_SCANNED : BRACE_BANDING_UNKNOWN;
     const double error = fmax(0.01, b->spread);
     for (int mains = 100; mains <= 120; mains += 20)
         if (fabs(b->hz / mains - 1) < error && best->contrast < 0.4 && best->harmonic[1] < 0.3 * best->harmonic[0])
@@ -146,7 +172,7 @@ void banding_frequency(brace_banding *b, uint32_t height, int base) {
                 b->alias_hz[b->aliases++] = alias;
             }
         if (b->confidence >= 0.5)
-            shutters(b);
+            shutters(b), b->decay = decay(b);
     }
     b->source = source(b);
 }

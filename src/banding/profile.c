@@ -55,6 +55,37 @@ static float select_kth(float *a, size_t n, size_t k) {
     return a[k];
 }
 
+void banding_profile_evenness(const banding_profile *profile, double *uneven, double *noise) {
+    const size_t rows = profile->rows;
+    float *smooth = core_alloc(2 * rows, sizeof *smooth), *rest = smooth + rows;
+    double weight = 0;
+    *uneven = *noise = 0;
+    for (size_t z = 0; z < BANDING_ZONES && smooth; z++) {
+        size_t n = 0;
+        for (size_t y = 0; y < rows; y++) {
+            float window[5];
+            size_t k = 0;
+            for (size_t j = y < 2 ? 0 : y - 2; j <= y + 2 && j < rows; j++)
+                if (!isnan(profile->at[j * BANDING_ZONES + z]))
+                    window[k++] = profile->at[j * BANDING_ZONES + z];
+            const float here = profile->at[y * BANDING_ZONES + z];
+            if (k < 3 || isnan(here))
+                continue;
+            smooth[n] = select_kth(window, k, k / 2);
+            rest[n] = fabsf(here - smooth[n]), n++;
+        }
+        if (n < rows / 4 + 8)
+            continue;
+        const double low = select_kth(smooth, n, n / 10), high = select_kth(smooth, n, n - 1 - n / 10);
+        *uneven += profile->weight[z] * 0.5 * (high - low);
+        *noise += profile->weight[z] * select_kth(rest, n, n / 2);
+        weight += profile->weight[z];
+    }
+    if (weight > 0)
+        *uneven /= weight, *noise /= weight;
+    core_free(smooth);
+}
+
 typedef struct profile_job {
     banding_profile *out;
     const brace_frame *frame;

@@ -29,6 +29,10 @@ void banding_profile_free(banding_profile *profile);
 brace_status banding_profile_frame(banding_profile *out, const brace_frame *frame, core_pool *pool,
                                    brace_error *error);
 
+/* Half the distance of the 10th and the 90th percentile of the light, zone by zone, after a median of five rows; and
+ * what the median took away, the rows' noise. Steady light is even, whatever it shows. */
+void banding_profile_evenness(const banding_profile *profile, double *uneven, double *noise);
+
 /* What a profile's spectrum holds at each frequency. */
 typedef struct banding_lines {
     size_t count;      /* frequencies: k is k/length cycles a packed row */

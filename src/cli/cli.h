@@ -27,6 +27,7 @@ typedef struct cli_command {
 } cli_command;
 
 int cli_restore(int argc, char **argv);
+int cli_analyze(int argc, char **argv);
 int cli_info(int argc, char **argv);
 int cli_metrics(int argc, char **argv);
 int cli_simulate(int argc, char **argv);
