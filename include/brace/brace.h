@@ -7,6 +7,7 @@
  *   restore.h  a bracket in, one clean frame out
  *   banding.h  how strongly a frame bands, at what frequency, and how well that was removed
  *   simulate.h a picture on a display in, a bracket of it out
+ *   metrics.h  how far a picture is from its ground truth
  */
 #ifndef BRACE_BRACE_H
 #define BRACE_BRACE_H
@@ -17,6 +18,7 @@
 #include "frame.h"
 #include "image.h"
 #include "job.h"
+#include "metrics.h"
 #include "restore.h"
 #include "simulate.h"
 #include "status.h"
