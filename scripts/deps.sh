@@ -9,7 +9,7 @@ packages=(
     gcc libc6-dev make meson ninja-build pkg-config
     g++ # for libstdc++, which libraw_r.pc asks for
     # libraries
-    libraw-dev libtiff-dev libpng-dev libjpeg-dev libwebp-dev libjansson-dev zlib1g-dev
+    libraw-dev libtiff-dev libpng-dev libjpeg-dev libwebp-dev libjansson-dev zlib1g-dev libkissfft-dev
     libdnnl-dev # convolutions and products in f32
     # tests: cmocka, and other people's DNG readers to check ours against
     libcmocka-dev libimage-exiftool-perl dcraw libraw-bin
@@ -19,7 +19,7 @@ if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
     for tool in cc meson ninja pkg-config exiftool dcraw; do
         command -v "$tool" >/dev/null || missing_tools+=("$tool")
     done
-    for library in libraw_r libtiff-4 libpng libjpeg libwebp jansson zlib cmocka; do
+    for library in libraw_r libtiff-4 libpng libjpeg libwebp jansson zlib kissfft-float cmocka; do
         pkg-config --exists "$library" 2>/dev/null || missing_tools+=("$library")
     done
     if [ -n "${missing_tools+x}" ]; then

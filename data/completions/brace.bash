@@ -10,12 +10,12 @@ _brace()
     local raw='@(dng|DNG|3fr|3FR|arw|ARW|cr2|CR2|cr3|CR3|crw|CRW|nef|NEF|nrw|NRW|orf|ORF|pef|PEF|raf|RAF|raw|RAW|rw2|RW2|rwl|RWL|srw|SRW)'
 
     if [[ $COMP_CWORD -eq 1 ]]; then
-        mapfile -t COMPREPLY < <(compgen -W 'restore info simulate dataset bench help --help --version' -- "$cur")
+        mapfile -t COMPREPLY < <(compgen -W 'restore info analyze metrics simulate dataset bench help --help --version' -- "$cur")
         return
     fi
     command=${COMP_WORDS[1]}
     if [[ $command == help ]]; then
-        mapfile -t COMPREPLY < <(compgen -W 'restore info simulate dataset bench' -- "$cur")
+        mapfile -t COMPREPLY < <(compgen -W 'restore info analyze metrics simulate dataset bench' -- "$cur")
         return
     fi
 
@@ -29,6 +29,22 @@ _brace()
         elif [[ ${COMP_WORDS[COMP_CWORD - 1]} == --set ]]; then
             compopt -o nospace
             mapfile -t COMPREPLY < <(compgen -S = -W "$(brace simulate --list 2>/dev/null | awk 'seen { print $1 } $1 == "NAME" { seen = 1 }')" -- "$cur")
+        else
+            compopt -o filenames
+            mapfile -t COMPREPLY < <(compgen -f -- "$cur")
+        fi
+        return
+    fi
+
+    if [[ $command == metrics ]]; then
+        case $prev in
+            -m | --metrics) mapfile -t COMPREPLY < <(compgen -W 'psnr ssim ms-swd sfc lpips lpips-alex lpips-vgg
+                lpips-squeeze dists' -- "$cur"); return ;;
+            -w | --weights) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -d -- "$cur"); return ;;
+            -t | --threads) return ;;
+        esac
+        if [[ $cur == -* ]]; then
+            mapfile -t COMPREPLY < <(compgen -W '--metrics --bracket --weights --csv --json --threads --quiet --help' -- "$cur")
         else
             compopt -o filenames
             mapfile -t COMPREPLY < <(compgen -f -- "$cur")
@@ -74,6 +90,8 @@ _brace()
     fi
 
     case $prev in
+        -c | --camera | -p | --plot) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -f -- "$cur"); return ;;
+        --readout) return ;;
         -m | --method) mapfile -t COMPREPLY < <(compgen -W 'merge reference' -- "$cur"); return ;;
         -f | --format) mapfile -t COMPREPLY < <(compgen -W 'dng tif png jpg webp' -- "$cur"); return ;;
         --bits) mapfile -t COMPREPLY < <(compgen -W '8 16 32' -- "$cur"); return ;;
@@ -87,6 +105,7 @@ _brace()
                     options+=' --output --format --bits --quality --exposure --reference --exposures --method'
                     options+=' --no-align --verbose'
                 fi
+                [[ $command != analyze ]] || options+=' --readout --camera --plot --no-align'
                 mapfile -t COMPREPLY < <(compgen -W "$options" -- "$cur")
                 return
             fi

@@ -27,7 +27,9 @@ typedef struct cli_command {
 } cli_command;
 
 int cli_restore(int argc, char **argv);
+int cli_analyze(int argc, char **argv);
 int cli_info(int argc, char **argv);
+int cli_metrics(int argc, char **argv);
 int cli_simulate(int argc, char **argv);
 int cli_dataset(int argc, char **argv);
 int cli_bench(int argc, char **argv);
@@ -105,6 +107,9 @@ void cli_paths_free(cli_paths *paths);
 
 /* Whether two names lead to the same file, whether it exists yet or not. */
 bool cli_same_file(const char *a, const char *b);
+
+/* Whether a file's name ends like those of RAW files. */
+bool cli_is_raw_name(const char *name);
 
 /* The part after the last slash. */
 const char *cli_basename(const char *path);

@@ -12,6 +12,8 @@
 static const cli_command commands[] = {
     {"restore", "several RAW exposures of a display in, one picture with less banding or none out", cli_restore},
     {"info", "what the RAW files of a bracket say about themselves", cli_info},
+    {"analyze", "how strongly photographs of a display band, at what frequency, and which shutter avoids it", cli_analyze},
+    {"metrics", "how far pictures are from the truth: PSNR, SSIM, MS-SWD, LPIPS, DISTS, SFC", cli_metrics},
     {"simulate", "photographs of a display: a screenshot in, a bracket of RAW frames out", cli_simulate},
     {"dataset", "training sets: build, pack, verify, info, import", cli_dataset},
     {"bench", "how fast BRACE is on this computer", cli_bench},

@@ -23,7 +23,7 @@ const char *cli_basename(const char *path) {
     return slash != NULL ? slash + 1 : path;
 }
 
-static bool is_raw_name(const char *name) {
+bool cli_is_raw_name(const char *name) {
     const char *dot = strrchr(name, '.');
     if (dot == NULL || name[0] == '.') { /* ._frame.dng: what macOS leaves on memory cards */
         return false;
@@ -105,7 +105,7 @@ static bool expand_folder(cli_paths *out, const char *folder, const cli_list *ex
     for (struct dirent *entry; good && (entry = readdir(dir)) != NULL;) {
         struct stat info;
         char *path = NULL;
-        if (!is_raw_name(entry->d_name)) {
+        if (!cli_is_raw_name(entry->d_name)) {
             continue;
         }
         if (asprintf(&path, "%s%s%s", folder, length > 0 && folder[length - 1] == '/' ? "" : "/", entry->d_name) < 0) {

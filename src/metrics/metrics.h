@@ -14,7 +14,12 @@
 
 #include "brace/image.h"
 #include "brace/job.h"
+#include "brace/metrics.h"
 #include "brace/status.h"
+
+/* Both as RGB floats with the sRGB curve, the caller's to free; BRACE_ERROR_MISMATCH if their sizes differ. On failure
+ * both are NULL. */
+brace_status metrics_take(brace_image *out[2], const brace_image *a, const brace_image *b, brace_error *error);
 
 /* Checks that two images can be compared, and at least `side` pixels a side are there. */
 brace_status metrics_check(const brace_image *a, const brace_image *b, uint32_t side, brace_error *error);

@@ -1,0 +1,193 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * metrics_table.c: one row a picture, then mean and deviation.
+ */
+#include "cli/metrics_table.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "core/core.h"
+
+const metric_kind metric_kinds[METRICS] = {
+    [PSNR] = {"psnr", "PSNR", 2, -1},
+    [SSIM] = {"ssim", "SSIM", 4, -1},
+    [MS_SWD] = {"ms-swd", "MS-SWD", 4, -1},
+    [LPIPS_ALEX] = {"lpips-alex", "LPIPS", 4, BRACE_LPIPS_ALEX},
+    [LPIPS_VGG] = {"lpips-vgg", "LPIPS-VGG", 4, BRACE_LPIPS_VGG},
+    [LPIPS_SQUEEZE] = {"lpips-squeeze", "LPIPS-SQ", 4, BRACE_LPIPS_SQUEEZE},
+    [DISTS] = {"dists", "DISTS", 4, BRACE_DISTS},
+    [SFC] = {"sfc", "SFC", 4, -1},
+};
+
+/* Mean and deviation (of the population) of what was measured; infinite if one of them is. */
+static void summary(const metrics_table *t, metric m, double *mean, double *deviation, size_t *count) {
+    double sum = 0, squares = 0;
+    *count = 0;
+    for (size_t i = 0; i < t->pairs.count; i++) {
+        if (!isnan(t->results[i].value[m])) {
+            sum += t->results[i].value[m];
+            ++*count;
+        }
+    }
+    *mean = *count > 0 ? sum / (double)*count : NAN;
+    for (size_t i = 0; i < t->pairs.count; i++) {
+        double d = t->results[i].value[m] - *mean;
+        squares += isnan(t->results[i].value[m]) ? 0 : d * d;
+    }
+    *deviation = *count > 0 && isfinite(*mean) ? sqrt(squares / (double)*count) : NAN;
+}
+
+static const char *number(char buffer[32], double value, int digits) {
+    if (isnan(value)) {
+        return "-";
+    }
+    snprintf(buffer, 32, "%.*f", digits, value);
+    return buffer;
+}
+
+static void print_row(const metrics_table *t, int width, const char *name, const double values[METRICS]) {
+    char buffer[32];
+    printf("%-*s", width, name);
+    for (metric m = 0; m < METRICS; m++) {
+        if (t->wanted[m]) {
+            printf("  %9s", number(buffer, values[m], metric_kinds[m].digits));
+        }
+    }
+    putchar('\n');
+}
+
+void metrics_table_print(const metrics_table *t) {
+    int width = 9;
+    double mean[METRICS], deviation[METRICS];
+    size_t count;
+    for (size_t i = 0; i < t->pairs.count; i++) {
+        int n = (int)strlen(t->pairs.items[i].name);
+        width = n > width ? n : width;
+    }
+    printf("%-*s", width, "picture");
+    for (metric m = 0; m < METRICS; m++) {
+        summary(t, m, &mean[m], &deviation[m], &count);
+        if (t->wanted[m]) {
+            printf("  %9s", metric_kinds[m].head);
+        }
+    }
+    putchar('\n');
+    for (size_t i = 0; i < t->pairs.count; i++) {
+        print_row(t, width, t->pairs.items[i].name, t->results[i].value);
+    }
+    if (t->pairs.count > 1) {
+        print_row(t, width, "mean", mean);
+        print_row(t, width, "deviation", deviation);
+    }
+}
+
+static json_t *values_json(const metrics_table *t, const result *r) {
+    json_t *object = json_object();
+    for (metric m = 0; m < METRICS; m++) {
+        if (t->wanted[m]) {
+            json_object_set_new(object, metric_kinds[m].name, cli_json_number(r->value[m]));
+        }
+    }
+    if (t->wanted[PSNR]) { /* JSON has no infinity */
+        json_object_set_new(object, "identical", json_boolean(isinf(r->value[PSNR])));
+    }
+    if (t->wanted[SFC] && !isnan(r->value[SFC])) {
+        json_object_set_new(object, "sfc_parts",
+                            json_pack("{s:o, s:o, s:o, s:o, s:o}", "d_ratio", cli_json_number(r->sfc.d_ratio),
+                                      "d_profile", cli_json_number(r->sfc.d_profile), "delta_ratio",
+                                      cli_json_number(r->sfc.delta_ratio), "delta_profile",
+                                      cli_json_number(r->sfc.delta_profile), "direction",
+                                      cli_json_number(r->sfc.direction)));
+    }
+    return object;
+}
+
+json_t *metrics_table_json(const metrics_table *t, const cli_report *report) {
+    json_t *pairs = json_array(), *all = json_object(), *unmatched = json_array(), *notes = json_array();
+    for (size_t i = 0; i < t->pairs.count; i++) {
+        const cli_pair *p = &t->pairs.items[i];
+        json_array_append_new(pairs, json_pack("{s:o, s:o, s:o, s:o}", "name", cli_json_text(p->name), "pred",
+                                               cli_json_text(p->pred), "gt", cli_json_text(p->gt), "metrics",
+                                               values_json(t, &t->results[i])));
+    }
+    for (metric m = 0; m < METRICS; m++) {
+        double mean, deviation;
+        size_t count;
+        summary(t, m, &mean, &deviation, &count);
+        if (t->wanted[m]) {
+            json_object_set_new(all, metric_kinds[m].name,
+                                json_pack("{s:o, s:o, s:I}", "mean", cli_json_number(mean), "deviation",
+                                          cli_json_number(deviation), "count", (json_int_t)count));
+        }
+    }
+    for (size_t i = 0; i < t->pairs.unmatched.count; i++) {
+        json_array_append_new(unmatched, cli_json_text(t->pairs.unmatched.items[i]));
+    }
+    for (size_t i = 0; i < report->note_count; i++) {
+        json_array_append_new(notes, cli_json_text(report->notes[i]));
+    }
+    return json_pack("{s:s, s:o, s:o, s:o, s:o}", "version", brace_version(), "pairs", pairs, "summary", all,
+                     "unmatched", unmatched, "notes", notes);
+}
+
+/* RFC 4180: quoted where a comma, a quote or a new line is in it. */
+static void csv_text(FILE *f, const char *text) {
+    if (strpbrk(text, ",\"\r\n") == NULL) {
+        fputs(text, f);
+        return;
+    }
+    putc('"', f);
+    for (; *text != '\0'; text++) {
+        if (*text == '"') {
+            putc('"', f);
+        }
+        putc(*text, f);
+    }
+    putc('"', f);
+}
+
+static void csv_values(const metrics_table *t, FILE *f, const double values[METRICS]) {
+    for (metric m = 0; m < METRICS; m++) {
+        if (t->wanted[m]) {
+            putc(',', f);
+            if (!isnan(values[m])) {
+                fprintf(f, "%.9g", values[m]);
+            }
+        }
+    }
+    fputs("\r\n", f);
+}
+
+brace_status metrics_table_csv(const metrics_table *t, const char *path, brace_error *error) {
+    core_file *file = NULL;
+    brace_status status = core_file_create(&file, path, error);
+    if (status != BRACE_OK) {
+        return status;
+    }
+    FILE *f = core_file_stream(file);
+    double mean[METRICS], deviation[METRICS];
+    size_t count;
+    fputs("name,pred,gt", f);
+    for (metric m = 0; m < METRICS; m++) {
+        summary(t, m, &mean[m], &deviation[m], &count);
+        if (t->wanted[m]) {
+            fprintf(f, ",%s", metric_kinds[m].name);
+        }
+    }
+    fputs("\r\n", f);
+    for (size_t i = 0; i < t->pairs.count; i++) {
+        const cli_pair *p = &t->pairs.items[i];
+        csv_text(f, p->name);
+        putc(',', f);
+        csv_text(f, p->pred);
+        putc(',', f);
+        csv_text(f, p->gt);
+        csv_values(t, f, t->results[i].value);
+    }
+    fputs("mean,,", f);
+    csv_values(t, f, mean);
+    fputs("deviation,,", f);
+    csv_values(t, f, deviation);
+    return core_file_commit(file, error);
+}

@@ -1,0 +1,35 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * metrics_table.h: what `brace metrics` measured, as a table, as JSON and as CSV.
+ */
+#ifndef CLI_METRICS_TABLE_H
+#define CLI_METRICS_TABLE_H
+
+#include "cli/pairs.h"
+
+typedef enum metric { PSNR, SSIM, MS_SWD, LPIPS_ALEX, LPIPS_VGG, LPIPS_SQUEEZE, DISTS, SFC, METRICS } metric;
+
+typedef struct metric_kind {
+    const char *name, *head; /* as given and in JSON; in the table */
+    int digits;
+    int perceptual; /* brace_perceptual_kind, or -1 */
+} metric_kind;
+
+extern const metric_kind metric_kinds[METRICS];
+
+typedef struct result {
+    double value[METRICS]; /* NAN: not measured; psnr may be infinite */
+    brace_sfc sfc;
+} result;
+
+typedef struct metrics_table {
+    bool wanted[METRICS];
+    cli_pairs pairs;
+    result *results; /* one a pair */
+} metrics_table;
+
+void metrics_table_print(const metrics_table *t);
+json_t *metrics_table_json(const metrics_table *t, const cli_report *report);
+brace_status metrics_table_csv(const metrics_table *t, const char *path, brace_error *error);
+
+#endif
