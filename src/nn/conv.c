@@ -12,7 +12,6 @@
 typedef struct conv_kernel {
     const nn_method *method;
     void *state;
-    bool training;
 } conv_kernel;
 
 static size_t round_up(size_t bytes) {
@@ -127,7 +126,6 @@ static brace_status prepare(nn_call *call, nn_backend backend, bool training, vo
         return core_fail_memory(error, sizeof *kernel, "a convolution");
     }
     kernel->method = nn_method_choose(backend, a->types, &a->shape);
-    kernel->training = training;
     brace_status status = kernel->method->create(&kernel->state, kernel->method, &a->shape, a->types, training,
                                                  core_pool_threads(call->pool), error);
     if (status != BRACE_OK) {

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* linear.c: products over the last dimension: layers (a 1x1 convolution to the kernels) and batches of two tensors. */
 #include <limits.h>
-#include <string.h>
 
 #include "nn/conv.h"
 
