@@ -119,7 +119,8 @@ static inline double same_double(double x) {
         .binary_grad = binary_grad_##tname, .unary = unary_##tname, .unary_grad = unary_grad_##tname,                 \
         .sum = sum_##tname, .sum_to = sum_to_##tname, .product = product_##tname, .blend = blend_##name,              \
         .blend_t = blend_t_##name, .add_weighted = add_weighted_##name, .add_weighted_t = add_weighted_t_##tname,     \
-        .dot = dot_##name, .dot_t = dot_t_##name, .maximum = maximum_##name                                           \
+        .dot = dot_##name, .dot_t = dot_t_##name, .maximum = maximum_##name,                              \
+        .taps_sample = taps_sample_##name, .taps_back = taps_back_##name                                          \
     }
 
 const nn_rows NN_ROWS[3] = {

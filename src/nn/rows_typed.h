@@ -139,6 +139,8 @@ static void NAME(maximum)(const void *from, void *to, int32_t *where, int32_t pl
     }
 }
 
+#include "nn/rows_taps.h"
+
 #ifndef NN_SAME_T
 
 static void NAME(binary)(nn_binary_kind kind, const void *x, const void *y, void *z, size_t n) {

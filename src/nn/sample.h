@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* sample.h: bilinear reading of a picture anywhere, for warp.c and deform.c: corners outside the picture count as 0. */
+/* sample.h: bilinear reading of a picture anywhere, for warp.c: corners outside the picture count as 0. */
 #ifndef NN_SAMPLE_H
 #define NN_SAMPLE_H
 

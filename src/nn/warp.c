@@ -28,7 +28,7 @@ typedef struct warp_job {
     unsigned char *sums; /* T */
 } warp_job;
 
-enum { BLOCK = 16 };
+enum { BLOCK = 32 /* channels */ };
 
 static nn_corners corners_at(const warp_job *job, size_t pixel, bool *moves_x, bool *moves_y) {
     double f[2];
