@@ -302,8 +302,8 @@ static void NAME(add_weighted_t)(double weight, const void *from, void *to, size
     }
 }
 
-/* Four rows by up to 32 columns in registers. */
-static inline void NAME(tile)(size_t rows, size_t columns, size_t k, const T *a, size_t a_row, size_t a_column,
+/* Four rows by up to 32 columns in registers; inlined by force, since it is fast only where the sizes are constants. */
+__attribute__((always_inline)) static inline void NAME(tile)(size_t rows, size_t columns, size_t k, const T *a, size_t a_row, size_t a_column,
                               const T *b, size_t b_row, T *c, size_t c_row, bool add) {
     T sum[4][32];
     for (size_t i = 0; i < rows; i++) {
