@@ -10,6 +10,7 @@ packages=(
     g++ # for libstdc++, which libraw_r.pc asks for
     # libraries
     libraw-dev libtiff-dev libpng-dev libjpeg-dev libwebp-dev libjansson-dev zlib1g-dev
+    libdnnl-dev # convolutions and products in f32
     # tests: cmocka, and other people's DNG readers to check ours against
     libcmocka-dev libimage-exiftool-perl dcraw libraw-bin
 )

@@ -97,6 +97,7 @@ static const struct {
     int (*run)(int argc, char **argv);
 } benches[] = {
     {"sim", "the simulator: each display driver with each instruction set", bench_sim},
+    {"conv", "convolutions: each way of computing them", bench_conv},
 };
 enum { BENCHES = sizeof benches / sizeof benches[0] };
 
@@ -112,7 +113,7 @@ static int print_help(void) {
 int cli_bench(int argc, char **argv) {
     const char *names[BENCHES + 1] = {NULL};
     if (argc < 2) {
-        return cli_wrong_usage("bench", "which bench? sim");
+        return cli_wrong_usage("bench", "which bench? sim or conv");
     }
     if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0) {
         return print_help();

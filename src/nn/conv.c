@@ -22,7 +22,7 @@ static size_t round_up(size_t bytes) {
 /* ---- backward's gradient at the sums: a copy only where it differs from dout ---- */
 
 static bool needs_dz(const conv_attributes *a) {
-    return a->activation != NN_LINEAR || a->types.in != a->types.result;
+    return a->types.activation != NN_LINEAR || a->types.in != a->types.result;
 }
 
 static size_t scratch_bytes(const nn_call *call, bool backward, int threads) {
@@ -55,8 +55,8 @@ static void forward(nn_call *call) {
                                                .weight = value_of(call->parameter[0], a->types.in),
                                                .version = call->parameter[0]->version,
                                                .bias = value_of(call->parameter[1], a->types.in),
-                                               .residual = a->residual ? call->in[1].data : NULL,
-                                               .activation = a->activation,
+                                               .residual = a->types.residual ? call->in[1].data : NULL,
+                                               .activation = a->types.activation,
                                                .y = call->out.data,
                                                .scratch = call->scratch,
                                                .pool = call->pool,
@@ -67,7 +67,7 @@ static void backward(nn_call *call) {
     const conv_attributes *a = call->attributes;
     const conv_kernel *kernel = call->kernel;
     void *dw = grad_of(call->parameter[0], a->types.in), *dbias = grad_of(call->parameter[1], a->types.in);
-    void *dresidual = a->residual ? call->din[1].data : NULL;
+    void *dresidual = a->types.residual ? call->din[1].data : NULL;
     bool products = call->din[0].data != NULL || dw != NULL;
     bool same = dresidual != NULL && dresidual == call->din[0].data; /* x is its own residual, which is served first */
     const void *dz = call->dout.data;
@@ -75,7 +75,7 @@ static void backward(nn_call *call) {
     nn_gradient gradient = {.pixels = nn_count(call->out.shape) / (size_t)a->shape.out,
                             .channels = a->shape.out,
                             .types = a->types,
-                            .activation = a->activation,
+                            .activation = a->types.activation,
                             .dy = call->dout.data,
                             .y = call->out.data,
                             .residual = dresidual,
@@ -169,7 +169,7 @@ nn_value nn_conv_node(nn_graph *g, nn_value x, nn_value residual, nn_shape resul
                       nn_parameter *bias, const conv_attributes *attributes) {
     nn_value in[] = {x, residual};
     return nn_node_add(g, &(nn_node_params){
-                              .op = &ops[attributes->activation != NN_LINEAR][residual != 0],
+                              .op = &ops[attributes->types.activation != NN_LINEAR][residual != 0],
                               .inputs = residual != 0 ? 2 : 1,
                               .in = in,
                               .shape = result,
@@ -207,10 +207,11 @@ nn_value nn_conv2d(nn_graph *g, nn_value x, const nn_conv *conv) {
     }
     nn_shape out = {in.n, (in.h + 2 * conv->pad - k) / stride + 1, (in.w + 2 * conv->pad - k) / stride + 1, conv->out};
     conv_attributes a = {.shape = {in.n, in.h, in.w, in.c, out.h, out.w, out.c, k, stride, conv->pad},
-                         .types = {type, conv->f32_result ? NN_F32 : type},
-                         .activation = conv->activation,
-                         .bias = !conv->no_bias,
-                         .residual = conv->residual != 0};
+                         .types = {.in = type,
+                                   .result = conv->f32_result ? NN_F32 : type,
+                                   .activation = conv->activation,
+                                   .bias = !conv->no_bias,
+                                   .residual = conv->residual != 0}};
     if (conv->residual != 0) {
         nn_shape r = nn_shape_of(g, conv->residual);
         if (memcmp(&r, &out, sizeof r) != 0 || nn_type_of(g, conv->residual) != a.types.result) {
@@ -225,7 +226,7 @@ nn_value nn_conv2d(nn_graph *g, nn_value x, const nn_conv *conv) {
     if (weight == NULL) {
         return 0;
     }
-    if (a.bias && (bias = nn_conv_parameter(g, name, "bias", 1, &conv->out,
+    if (a.types.bias && (bias = nn_conv_parameter(g, name, "bias", 1, &conv->out,
                                             conv->zero_bias ? NN_INIT_ZERO : NN_INIT_UNIFORM_FAN_IN, fan_in)) == NULL) {
         return 0;
     }

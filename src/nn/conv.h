@@ -9,8 +9,6 @@
 typedef struct conv_attributes {
     nn_conv_shape shape;
     nn_conv_types types;
-    nn_activation activation;
-    bool bias, residual;
 } conv_attributes;
 
 /* The parameter "name.part", or "part" alone where name is empty. */

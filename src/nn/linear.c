@@ -14,7 +14,7 @@ nn_value nn_linear(nn_graph *g, nn_value x, const char *name, int out, bool bias
     if (out < 1 || out > 1 << 20 || (double)out * in.c > (double)(1 << 30)) {
         return nn_reject(g, "%s: a layer from %d to %d features; 1 to 1048576 are possible", name, in.c, out);
     }
-    conv_attributes a = {.shape = {in.n, in.h, in.w, in.c, in.h, in.w, out, 1, 1, 0}, .types = {type, type}, .bias = bias};
+    conv_attributes a = {.shape = {in.n, in.h, in.w, in.c, in.h, in.w, out, 1, 1, 0}, .types = {.in = type, .result = type, .bias = bias}};
     nn_parameter *w = nn_conv_parameter(g, name, "weight", 2, (int[]){out, in.c}, init, in.c), *b = NULL;
     if (w == NULL ||
         (bias && (b = nn_conv_parameter(g, name, "bias", 1, &out, NN_INIT_UNIFORM_FAN_IN, in.c)) == NULL)) {

@@ -120,8 +120,7 @@ static void compare(const char *what, const nn_method *method, const nn_conv_sha
 typedef struct convolution {
     nn_conv_shape s;
     nn_conv_types types;
-    nn_activation activation;
-    bool bias, residual, add;
+    bool add;
     int threads;
 } convolution;
 
@@ -142,16 +141,16 @@ static void run(const nn_method *method, const convolution *c) {
 
     void *state, *exact;
     brace_error error;
-    nn_conv_types f64 = {NN_F64, NN_F64};
+    nn_conv_types f64 = {.in = NN_F64, .result = NN_F64};
     assert_int_equal(method->create(&state, method, s, c->types, true, c->threads, &error), BRACE_OK);
     assert_int_equal(nn_method_ref.create(&exact, &nn_method_ref, s, f64, true, 1, &error), BRACE_OK);
 
     nn_conv_pass pass = {.x = x.data,
                          .weight = w.data,
                          .version = 1,
-                         .bias = c->bias ? bias.data : NULL,
-                         .residual = c->residual ? r.data : NULL,
-                         .activation = c->activation,
+                         .bias = c->types.bias ? bias.data : NULL,
+                         .residual = c->types.residual ? r.data : NULL,
+                         .activation = c->types.activation,
                          .y = y.data,
                          .dz = dz.data,
                          .dx = dx.data,
@@ -168,9 +167,9 @@ static void run(const nn_method *method, const convolution *c) {
     /* The same in double; the pass over magnitudes says what rounding may cost. */
     nn_conv_pass truth = {.x = x.exact,
                           .weight = w.exact,
-                          .bias = c->bias ? bias.exact : NULL,
-                          .residual = c->residual ? r.exact : NULL,
-                          .activation = c->activation,
+                          .bias = c->types.bias ? bias.exact : NULL,
+                          .residual = c->types.residual ? r.exact : NULL,
+                          .activation = c->types.activation,
                           .y = y.exact,
                           .dz = dz.exact,
                           .dx = dx.exact,
@@ -179,8 +178,8 @@ static void run(const nn_method *method, const convolution *c) {
                           .scratch = scratch_of(&nn_method_ref, exact, NN_PRODUCT_FORWARD, 1)};
     nn_conv_pass size = {.x = x.size,
                          .weight = w.size,
-                         .bias = c->bias ? bias.size : NULL,
-                         .residual = c->residual ? r.size : NULL,
+                         .bias = c->types.bias ? bias.size : NULL,
+                         .residual = c->types.residual ? r.size : NULL,
                          .y = y.size,
                          .dz = dz.size,
                          .dx = dx.size,
@@ -235,9 +234,7 @@ static void chosen_shapes(nn_type in) {
     for (size_t i = 0; i < sizeof list / sizeof *list; i++) {
         const int *v = list[i];
         convolution c = {.s = shape(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7]),
-                         .activation = (nn_activation)(i % 5),
-                         .bias = i % 3 != 0,
-                         .residual = i % 2 != 0,
+                         .types = {.activation = (nn_activation)(i % 5), .bias = i % 3 != 0, .residual = i % 2 != 0},
                          .add = i % 4 == 1,
                          .threads = 1 + (int)(i % 3)};
         with_each_method(&c, in);
@@ -250,9 +247,9 @@ static void random_shapes(nn_type in) {
         int low = kernel > 2 * pad ? kernel - 2 * pad : 1;
         convolution c = {.s = shape(between(1, 2), between(low, 14), between(low, 40), between(1, 40), between(1, 40),
                                     kernel, stride, pad),
-                         .activation = (nn_activation)between(0, 4),
-                         .bias = between(0, 1) != 0,
-                         .residual = between(0, 1) != 0,
+                         .types = {.activation = (nn_activation)between(0, 4),
+                                   .bias = between(0, 1) != 0,
+                                   .residual = between(0, 1) != 0},
                          .add = between(0, 1) != 0,
                          .threads = between(1, 3)};
         with_each_method(&c, in);
@@ -296,7 +293,7 @@ static void test_threads(void **context) {
             unsigned char *y[4], *dx[4], *dw[4];
             for (int threads = 1; threads <= 3; threads++) {
                 void *state;
-                assert_int_equal(methods[m]->create(&state, methods[m], &s, (nn_conv_types){in, in}, true, threads, NULL),
+                assert_int_equal(methods[m]->create(&state, methods[m], &s, (nn_conv_types){.in = in, .result = in}, true, threads, NULL),
                                  BRACE_OK);
                 nn_conv_pass pass = {.x = x.data, .weight = w.data, .dz = dz.data, .pool = pools[threads]};
                 pass.y = y[threads] = buffer(ny * nn_type_size(in), 4);
@@ -327,10 +324,10 @@ static void test_version(void **context) {
     nn_conv_shape s = shape(1, 3, 4, 5, 6, 3, 1, 1);
     for (int t = 0; t < 2; t++) {
         nn_type in = t == 0 ? NN_F32 : NN_BF16;
-        const nn_method *method = nn_method_choose(NN_AUTO, (nn_conv_types){in, NN_F32}, &s);
+        const nn_method *method = nn_method_choose(NN_AUTO, (nn_conv_types){.in = in, .result = NN_F32}, &s);
         tensor x = make(60, in, in), w = make(270, NN_F32, NN_F32), y = make(72, NN_F32, NN_F32);
         void *state;
-        assert_int_equal(method->create(&state, method, &s, (nn_conv_types){in, NN_F32}, false, 1, NULL), BRACE_OK);
+        assert_int_equal(method->create(&state, method, &s, (nn_conv_types){.in = in, .result = NN_F32}, false, 1, NULL), BRACE_OK);
         nn_conv_pass pass = {.x = x.data, .weight = w.data, .version = 4, .y = y.data, .pool = pools[1]};
         pass.scratch = scratch_of(method, state, NN_PRODUCT_FORWARD, 1);
         method->forward(state, &pass);
@@ -358,7 +355,8 @@ static void test_not_finite(void **context) {
             tensor x = make(5 * 40 * 16, in, in), w = make(20 * 16 * 9, NN_F32, NN_F32), y = make(5 * 40 * 20, in, in);
             put(x.data, (2 * 40 + 17) * 16 + 3, in, NAN);
             void *state;
-            assert_int_equal(methods[m]->create(&state, methods[m], &s, (nn_conv_types){in, in}, false, 1, NULL), BRACE_OK);
+            assert_int_equal(methods[m]->create(&state, methods[m], &s,
+                                                (nn_conv_types){.in = in, .result = in, .activation = NN_RELU}, false, 1, NULL), BRACE_OK);
             nn_conv_pass pass = {.x = x.data, .weight = w.data, .y = y.data, .activation = NN_RELU, .pool = pools[1]};
             pass.scratch = scratch_of(methods[m], state, NN_PRODUCT_FORWARD, 1);
             methods[m]->forward(state, &pass);
@@ -387,7 +385,7 @@ static void test_gradient(void **context) {
             put(y.data, 5, result, 0);
             nn_gradient g = {.pixels = pixels,
                              .channels = (int)channels,
-                             .types = {in, result},
+                             .types = {.in = in, .result = result},
                              .activation = (nn_activation)activation,
                              .dy = dy.data,
                              .y = y.data,
@@ -429,7 +427,7 @@ static void test_memory(void **context) {
                 void *state = NULL;
                 brace_error error;
                 core_alloc_fail_after(n);
-                brace_status status = methods[m]->create(&state, methods[m], &s, (nn_conv_types){in, in}, true, 2, &error);
+                brace_status status = methods[m]->create(&state, methods[m], &s, (nn_conv_types){.in = in, .result = in}, true, 2, &error);
                 core_alloc_fail_after(0);
                 if (status == BRACE_OK) {
                     assert_true(n > 1 && n < 20);

@@ -129,6 +129,26 @@ static void block(const nn_block *b, int rows, int cols) {
     }
 }
 
+static double peak(long rounds) {
+    enter();
+    _tile_zero(0);
+    _tile_zero(1);
+    _tile_zero(2);
+    _tile_zero(3);
+    _tile_zero(4);
+    _tile_zero(5);
+    _tile_zero(6);
+    _tile_zero(7);
+    for (long r = 0; r < rounds; r++) {
+        _tile_dpbf16ps(0, 4, 6);
+        _tile_dpbf16ps(1, 4, 7);
+        _tile_dpbf16ps(2, 5, 6);
+        _tile_dpbf16ps(3, 5, 7);
+    }
+    leave();
+    return 2.0 * 4 * TILE * TILE * 2 * PAIRS * (double)rounds;
+}
+
 const nn_isa NN_AMX = {.name = NN_AMX_NAME,
                        .in = NN_BF16,
                        .rows = 2 * TILE,
@@ -140,5 +160,6 @@ const nn_isa NN_AMX = {.name = NN_AMX_NAME,
                        .finish = FINISH,
                        .enter = enter,
                        .leave = leave,
+                       .peak = peak,
                        .interleave = interleave,
                        .transpose = transpose};

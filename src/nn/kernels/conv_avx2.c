@@ -7,6 +7,7 @@
 #define ROWS 6
 #define LANES 8
 #define STEP 1
+#define VECTOR_REGISTER "x"
 #define ELEMENT float
 typedef __m256 vf, vb;
 #define vf_zero _mm256_setzero_ps
@@ -86,4 +87,5 @@ const nn_isa nn_isa_avx2 = {.name = "avx2",
                             .step = 1,
                             .row_multiple = 1,
                             .block = block,
-                            .finish = finish};
+                            .finish = finish,
+                            .peak = peak};

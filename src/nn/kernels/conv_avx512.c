@@ -23,4 +23,5 @@ const nn_isa nn_isa_avx512 = {.name = "avx512",
                               .step = 1,
                               .row_multiple = 1,
                               .block = block,
-                              .finish = finish};
+                              .finish = finish,
+                              .peak = peak};

@@ -34,5 +34,6 @@ const nn_isa nn_isa_avx512bf16 = {.name = "avx512bf16",
                                   .row_multiple = 1,
                                   .block = block,
                                   .finish = finish,
+                                  .peak = peak,
                                   .interleave = interleave,
                                   .transpose = transpose};

@@ -9,6 +9,7 @@
  *     vf_zero() vf_load(p) vf_store(p, v)
  *     vb, vb_load(p) vb_spread(p)  a row of B; one step of A in all lanes
  *     vf_sum(c, a, b)              c + a b
+ *     VECTOR_REGISTER              what inline assembly calls a register of them
  *     ROWS                         of a block; two vectors wide, all sums in registers
  *
  * Each step loads two vectors of B and uses each with every row of A: 2 ROWS
@@ -57,6 +58,33 @@ ALWAYS_INLINE void block_of(const nn_block *block, const int rows, const int vec
             vf_store(block->c + i * block->c_row + v * LANES, sum[i][v]);
         }
     }
+}
+
+/* As many sums as keep the multipliers busy in spite of their latency. */
+static double peak(long rounds) {
+    enum { SUMS = 12 };
+    static const ELEMENT ones[LANES * STEP];
+    vf sum[SUMS];
+    vb x = vb_load(ones), w = vb_spread(ones);
+#pragma GCC unroll 16
+    for (int i = 0; i < SUMS; i++) {
+        sum[i] = vf_zero();
+        __asm__("" : "+" VECTOR_REGISTER(sum[i])); /* twelve different ones */
+    }
+    for (long r = 0; r < rounds; r++) {
+        __asm__ volatile("" : "+" VECTOR_REGISTER(x), "+" VECTOR_REGISTER(w)); /* or it would be seen that all is zero */
+#pragma GCC unroll 16
+        for (int i = 0; i < SUMS; i++) {
+            sum[i] = vf_sum(sum[i], x, w);
+        }
+    }
+    float out[LANES];
+#pragma GCC unroll 16
+    for (int i = 1; i < SUMS; i++) {
+        sum[0] = vf_add(sum[0], sum[i]);
+    }
+    vf_store(out, sum[0]);
+    return 2.0 * SUMS * LANES * STEP * (double)rounds + 0 * (double)out[0]; /* the sums are needed */
 }
 
 #define BLOCKS(rows)                                                                                                   \

@@ -35,9 +35,9 @@ typedef struct nn_conv_pass {
     const void *x;        /* forward, backward_weights */
     const void *weight;   /* [out][c][kernel][kernel], float (NN_F64: double); forward, backward_data */
     unsigned version;     /* of the weights: packed copies are made anew when it changes */
-    const void *bias;     /* out floats (doubles), or NULL; forward */
-    const void *residual; /* or NULL; forward */
-    nn_activation activation;
+    const void *bias;     /* out floats (doubles); forward, if it was said to have one; else NULL */
+    const void *residual; /* likewise */
+    nn_activation activation; /* as it was said */
     void *y;              /* forward */
     const void *dz;       /* backward */
     void *dx;             /* backward_data */
@@ -49,8 +49,11 @@ typedef struct nn_conv_pass {
 
 typedef enum nn_product { NN_PRODUCT_FORWARD, NN_PRODUCT_DATA, NN_PRODUCT_WEIGHTS } nn_product;
 
+/* What else stays the same from run to run. */
 typedef struct nn_conv_types {
     nn_type in, result; /* result differs only as NN_F32 from NN_BF16 */
+    nn_activation activation;
+    bool bias, residual; /* of forward */
 } nn_conv_types;
 
 typedef struct nn_method {
@@ -114,6 +117,7 @@ typedef struct nn_isa {
     void (*finish)(const nn_finish *finish);
     void (*enter)(void); /* before the first block of a piece; NULL: nothing to do */
     void (*leave)(void);
+    double (*peak)(long rounds); /* multiplies and adds in registers alone, for benchmarks; returns FLOPs done */
     /* bf16 kernels only. Interleaves: out[c][2] = a[c], b[c] for c < count; `out` is written up to a multiple of 32. */
     void (*interleave)(uint16_t *out, const uint16_t *a, const uint16_t *b, int count);
     /* Transposes: out[c][p] = in[p][c] for p < 32, c < count; rows of `in` and `out` at the given distances. */

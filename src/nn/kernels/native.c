@@ -7,7 +7,9 @@
 
 enum {
     TILE_BYTES = 160 << 10, /* of staged rows: a good part of them and a block of weights fit a 1 MiB cache */
-    TILE_WIDTH = 128,
+    TILE_WIDTH = 160,
+    NARROW = 64,
+    GOOD_ROWS = 5, /* or more, less one */
     FINISH_COLS = 32,
     MAX_ROWS = 32 /* of a block */
 };
@@ -73,14 +75,19 @@ static void plan_tiles(native_run *r, int threads) {
     const nn_isa *isa = r->isa;
     size_t c = (size_t)r->x.c, s = (size_t)r->stride, k = (size_t)r->kernel;
     r->steps = native_ceil(r->kernel * r->x.c, isa->step);
-    int across = r->ow <= TILE_WIDTH * 5 / 4 ? 1 : native_ceil(r->ow, TILE_WIDTH);
     int multiple = isa->row_multiple > 1 ? isa->rows : 1;
-    r->cols = (int)native_round_up((size_t)native_ceil(r->ow, across), (size_t)multiple);
-    r->cols = r->cols < r->ow ? r->cols : r->ow;
-    r->tiles_w = native_ceil(r->ow, r->cols);
-    size_t read = native_round_up((size_t)r->cols, (size_t)isa->row_multiple);
-    /* Longer than what is read by a line or two, so that rows do not fall on the same places of the cache. */
-    r->line = native_round_up(((read - 1) * s + k) * c + (size_t)(r->steps * isa->step), 64) + 64;
+    /* Rows above and below are staged for several tiles: narrower ones if so few rows would fit. */
+    for (int across = native_ceil(r->ow, TILE_WIDTH);; across++) {
+        r->cols = (int)native_round_up((size_t)native_ceil(r->ow, across), (size_t)multiple);
+        r->cols = r->cols < r->ow ? r->cols : r->ow;
+        r->tiles_w = native_ceil(r->ow, r->cols);
+        size_t read = native_round_up((size_t)r->cols, (size_t)isa->row_multiple);
+        /* Longer than what is read by a line or two, so that rows do not fall on the same places of the cache. */
+        r->line = native_round_up(((read - 1) * s + k) * c + (size_t)(r->steps * isa->step), 64) + 64;
+        if (r->cols <= NARROW || (GOOD_ROWS * s + k) * r->line * native_element(isa) <= TILE_BYTES) {
+            break;
+        }
+    }
     r->rows = 1;
     while (r->rows < r->oh && r->rows < 16 &&
            ((size_t)r->rows * s + k) * r->line * native_element(isa) <= TILE_BYTES) {

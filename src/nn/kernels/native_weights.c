@@ -22,7 +22,8 @@ enum {
     SLOTS = 32,
     SLOT_TOTAL = 48 << 20, /* bytes of all slots together */
     TILE_BYTES = 288 << 10,
-    TILE_WIDTH = 64
+    TILE_WIDTH = 64,
+    F32_ROWS = 2 /* at a time: so much of x and dz stays in the first-level cache for a block */
 };
 
 typedef struct weights_run {
@@ -131,7 +132,8 @@ static void tile_f32(const weights_run *r, const weights_tile *t) {
         }
     }
     int run = k * s->c, blocks = native_ceil(run, isa->rows);
-    for (int y = 0; y < t->rows; y++) { /* row by row, so that what a block reads stays in the first-level cache */
+    for (int y = 0; y < t->rows; y += F32_ROWS) {
+        int rows = t->rows - y < F32_ROWS ? t->rows - y : F32_ROWS;
         for (int i = 0; i < k; i++) {
             for (int block = 0; block < blocks; block++) {
                 int begin = run * block / blocks, end = run * (block + 1) / blocks;
@@ -139,9 +141,11 @@ static void tile_f32(const weights_run *r, const weights_tile *t) {
                     nn_block b = {.a = x + (size_t)(y * stride + i) * r->x_row + begin,
                                   .a_row = 1,
                                   .a_step = (ptrdiff_t)stride * s->c,
+                                  .a_group = (ptrdiff_t)((size_t)stride * r->x_row),
                                   .b = dz + (size_t)y * dz_row + o,
                                   .b_step = (ptrdiff_t)r->out,
-                                  .groups = 1,
+                                  .b_group = (ptrdiff_t)dz_row,
+                                  .groups = rows,
                                   .steps = t->cols,
                                   .c = t->sums + ((size_t)i * (size_t)run + (size_t)begin) * r->out + o,
                                   .c_row = (ptrdiff_t)r->out,

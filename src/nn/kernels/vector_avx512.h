@@ -4,6 +4,7 @@
 
 #define ROWS 14
 #define LANES 16
+#define VECTOR_REGISTER "v"
 typedef __m512 vf;
 #define vf_zero _mm512_setzero_ps
 #define vf_load _mm512_loadu_ps
