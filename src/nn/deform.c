@@ -30,11 +30,11 @@ typedef struct deform_job {
     deform d;
     size_t h, w, pixels; /* pixels: of one picture */
     size_t oh, ow, results;
-    size_t k;            /* of a weight group: 9 c/groups */
+    size_t k; /* of a weight group: 9 c/groups */
     const nn_rows *rows, *offset_rows, *mask_rows;
     nn_type wide;
-    size_t t;            /* bytes of a number that is computed with */
-    size_t picture;      /* backward: which */
+    size_t t;       /* bytes of a number that is computed with */
+    size_t picture; /* backward: which */
     nn_view x, offset, mask;
     unsigned char *weights, *turned; /* T: {group, k, out/group} and {group, out/group, k} */
     unsigned char *columns;          /* T: a block for each worker, or a picture's */
@@ -89,7 +89,10 @@ static nn_taps taps_of(const deform_job *job, size_t group) {
 
 /* Offsets and masks of a group at a pixel of the result (counted over all pictures), and where its first tap is. */
 typedef struct taps_at {
-    union { float f[27]; double d[27]; } room;
+    union {
+        float f[27];
+        double d[27];
+    } room;
     const void *offset, *mask;
     double y, x;
 } taps_at;
@@ -247,7 +250,8 @@ static void back_groups(void *arg, size_t begin, size_t end, int worker) {
             double offsets[18], masks[9]; /* room for T */
             taps_at t;
             find_taps(job, p, g, &t);
-            job->rows->taps_back(&taps, picture, t.offset, t.mask, t.y, t.x, job->columns + b * TAPS * job->d.c * job->t,
+            job->rows->taps_back(&taps, picture, t.offset, t.mask, t.y, t.x,
+                                 job->columns + b * TAPS * job->d.c * job->t,
                                  job->call->din[0].data != NULL ? job->sums : NULL, offsets, masks);
             if (d_offset.data != NULL) {
                 nn_put(job->offset_rows, d_offset, 18 * at, 18, offsets, job->call->add[1]);
@@ -300,7 +304,8 @@ static void add_weights(const deform_job *job) {
 }
 
 static size_t sums_bytes(const deform_job *job, size_t threads) {
-    const size_t picture = padded(job->pixels * job->d.c * job->t), blocks = threads * padded(BLOCK * TAPS * job->d.c * job->t);
+    const size_t picture = padded(job->pixels * job->d.c * job->t),
+                 blocks = threads * padded(BLOCK * TAPS * job->d.c * job->t);
     return picture > blocks ? picture : blocks; /* x' gradient, or workers' columns */
 }
 
@@ -348,7 +353,8 @@ static size_t scratch_bytes(const nn_call *call, bool backward_pass, int threads
 }
 
 static double flops(const nn_call *call) {
-    const deform_job job = job_of(&(nn_call){.attributes = call->attributes, .in = {call->in[0], call->in[1], call->in[2]}});
+    const deform_job job =
+        job_of(&(nn_call){.attributes = call->attributes, .in = {call->in[0], call->in[1], call->in[2]}});
     return (double)call->in[0].shape.n * (double)job.results *
            (2 * (double)job.d.out * (double)job.k + 8 * TAPS * (double)job.d.c);
 }
@@ -375,8 +381,8 @@ nn_value nn_deform_conv2d(nn_graph *g, nn_value x, nn_value offset, nn_value mas
         return 0;
     }
     const nn_shape s = nn_shape_of(g, x), o = nn_shape_of(g, offset), m = nn_shape_of(g, mask);
-    if (p->out < 1 || p->pad < 0 || p->pad > 1 << 16 || p->dilation < 1 || p->dilation > 1 << 16 || p->offset_groups < 1 ||
-        p->offset_groups > 1 << 16 || p->weight_groups < 1 || !fits(s, o, m, p)) {
+    if (p->out < 1 || p->pad < 0 || p->pad > 1 << 16 || p->dilation < 1 || p->dilation > 1 << 16 ||
+        p->offset_groups < 1 || p->offset_groups > 1 << 16 || p->weight_groups < 1 || !fits(s, o, m, p)) {
         return nn_reject(g, "%s: offsets %s and masks %s for %s (out %d, pad %d, dilation %d, groups %d, %d)", p->name,
                          nn_text_of(o).text, nn_text_of(m).text, nn_text_of(s).text, p->out, p->pad, p->dilation,
                          p->offset_groups, p->weight_groups);
@@ -396,9 +402,8 @@ nn_value nn_deform_conv2d(nn_graph *g, nn_value x, nn_value offset, nn_value mas
     if (weight == NULL || bias == NULL) {
         return 0;
     }
-    const deform d = {p->pad,          p->dilation,
-                      (size_t)s.c,     (size_t)p->out,
-                      (size_t)p->offset_groups, (size_t)p->weight_groups};
+    const deform d = {
+        p->pad, p->dilation, (size_t)s.c, (size_t)p->out, (size_t)p->offset_groups, (size_t)p->weight_groups};
     return nn_node_add(g, &(nn_node_params){.op = &deform_op,
                                             .inputs = 3,
                                             .in = (const nn_value[]){x, offset, mask},

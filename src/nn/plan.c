@@ -288,8 +288,7 @@ static void backward_in_place(nn_graph *g, int t) {
     }
     const int a = nn_buffer_of(g, node->grad), b = nn_buffer_of(g, g->nodes[node->in[i]]->grad);
     bool legal = a != b && g->buffers[a].last == t && g->buffers[b].first == t &&
-                 nn_bytes(g, g->steps[t].node) == nn_bytes(g, node->in[i]) &&
-                 node->type == g->nodes[node->in[i]]->type;
+                 nn_bytes(g, g->steps[t].node) == nn_bytes(g, node->in[i]) && node->type == g->nodes[node->in[i]]->type;
     for (int j = 0; j < node->inputs; j++) {
         legal &= j == i || node->in[j] != node->in[i];
     }

@@ -54,7 +54,8 @@ typedef struct nn_rows {
     /* T. */
     void (*binary)(nn_binary_kind kind, const void *a, const void *b, void *out, size_t n);
     /* g times d out/d a (which = 0) or d out/d b (1). */
-    void (*binary_grad)(nn_binary_kind kind, int which, const void *g, const void *a, const void *b, void *out, size_t n);
+    void (*binary_grad)(nn_binary_kind kind, int which, const void *g, const void *a, const void *b, void *out,
+                        size_t n);
     void (*unary)(nn_unary_kind kind, double p, double q, const void *x, void *y, size_t n);
     void (*unary_grad)(nn_unary_kind kind, double p, double q, const void *g, const void *x, const void *y, void *out,
                        size_t n);

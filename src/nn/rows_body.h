@@ -32,7 +32,10 @@ static inline exp_parts split_exp(float x) {
     e = e * r + 0.5f;
     e = e * r * r + r;
     const int whole = (int)k, half = whole / 2;
-    union { int32_t i; float f; } a = {(half + 127) * 8388608}, b = {(whole - half + 127) * 8388608};
+    union {
+        int32_t i;
+        float f;
+    } a = {(half + 127) * 8388608}, b = {(whole - half + 127) * 8388608};
     return (exp_parts){e, a.f, b.f};
 }
 
@@ -112,15 +115,15 @@ static inline double same_double(double x) {
 #define M(x) x
 #include "nn/rows_typed.h"
 
-#define TABLE(s, t, name, tname)                                                                                      \
-    {                                                                                                                 \
-        .s_size = sizeof(s), .t_size = sizeof(t), .load = load_##name, .store = store_##name,                         \
-        .store_add = store_add_##name, .add_s = add_s_##name, .binary = binary_##tname,                               \
-        .binary_grad = binary_grad_##tname, .unary = unary_##tname, .unary_grad = unary_grad_##tname,                 \
-        .sum = sum_##tname, .sum_to = sum_to_##tname, .product = product_##tname, .blend = blend_##name,              \
-        .blend_t = blend_t_##name, .add_weighted = add_weighted_##name, .add_weighted_t = add_weighted_t_##tname,     \
-        .dot = dot_##name, .dot_t = dot_t_##name, .maximum = maximum_##name,                              \
-        .taps_sample = taps_sample_##name, .taps_back = taps_back_##name                                          \
+#define TABLE(s, t, name, tname)                                                                                       \
+    {                                                                                                                  \
+        .s_size = sizeof(s), .t_size = sizeof(t), .load = load_##name, .store = store_##name,                          \
+        .store_add = store_add_##name, .add_s = add_s_##name, .binary = binary_##tname,                                \
+        .binary_grad = binary_grad_##tname, .unary = unary_##tname, .unary_grad = unary_grad_##tname,                  \
+        .sum = sum_##tname, .sum_to = sum_to_##tname, .product = product_##tname, .blend = blend_##name,               \
+        .blend_t = blend_t_##name, .add_weighted = add_weighted_##name, .add_weighted_t = add_weighted_t_##tname,      \
+        .dot = dot_##name, .dot_t = dot_t_##name, .maximum = maximum_##name, .taps_sample = taps_sample_##name,        \
+        .taps_back = taps_back_##name                                                                                  \
     }
 
 const nn_rows NN_ROWS[3] = {

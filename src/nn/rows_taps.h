@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* rows_taps.h: the sampling of deformable convolution for one pixel and one offset group, and its gradients; included by
- * rows_typed.h for each type. Eight channels are one vector; what is left over is done one by one. */
+/* rows_taps.h: the sampling of deformable convolution for one pixel and one offset group, and its gradients; included
+ * by rows_typed.h for each type. Eight channels are one vector; what is left over is done one by one. */
 
 /* A tap's four corners; those outside the picture have weight 0 and lie somewhere inside. */
 typedef struct NAME(tap) {
@@ -9,7 +9,7 @@ typedef struct NAME(tap) {
 } NAME(tap);
 
 /* False: all four are outside. */
-static inline bool NAME(find_tap)(const nn_taps *p, const T *offset, int tap, T y, T x, NAME(tap) *k) {
+static inline bool NAME(find_tap)(const nn_taps *p, const T *offset, int tap, T y, T x, NAME(tap) * k) {
     y += (T)(tap / 3 * p->dilation) + offset[2 * tap];
     x += (T)(tap % 3 * p->dilation) + offset[2 * tap + 1];
     if (!(y > -1 && y < (T)p->h && x > -1 && x < (T)p->w)) { /* NaN too */
@@ -18,9 +18,11 @@ static inline bool NAME(find_tap)(const nn_taps *p, const T *offset, int tap, T 
     const int y0 = (int)(y + 1) - 1, x0 = (int)(x + 1) - 1;
     const T fy = y - (T)y0, fx = x - (T)x0;
     /* A row or column outside counts as 0. */
-    const T top = y0 >= 0 ? 1 : 0, bottom = y0 + 1 < p->h ? 1 : 0, left = x0 >= 0 ? 1 : 0, right = x0 + 1 < p->w ? 1 : 0;
-    const size_t ya = (size_t)(y0 >= 0 ? y0 : 0) * (size_t)p->w, yb = (size_t)(y0 + 1 < p->h ? y0 + 1 : y0) * (size_t)p->w,
-                 xa = (size_t)(x0 >= 0 ? x0 : 0), xb = (size_t)(x0 + 1 < p->w ? x0 + 1 : x0);
+    const T top = y0 >= 0 ? 1 : 0, bottom = y0 + 1 < p->h ? 1 : 0, left = x0 >= 0 ? 1 : 0,
+            right = x0 + 1 < p->w ? 1 : 0;
+    const size_t ya = (size_t)(y0 >= 0 ? y0 : 0) * (size_t)p->w,
+                 yb = (size_t)(y0 + 1 < p->h ? y0 + 1 : y0) * (size_t)p->w, xa = (size_t)(x0 >= 0 ? x0 : 0),
+                 xb = (size_t)(x0 + 1 < p->w ? x0 + 1 : x0);
     k->pixel[0] = ya + xa, k->pixel[1] = ya + xb, k->pixel[2] = yb + xa, k->pixel[3] = yb + xb;
     const T wy0 = (1 - fy) * top, wy1 = fy * bottom, wx0 = (1 - fx) * left, wx1 = fx * right;
     k->weight[0] = wy0 * wx0, k->weight[1] = wy0 * wx1, k->weight[2] = wy1 * wx0, k->weight[3] = wy1 * wx1;
@@ -31,7 +33,7 @@ static inline bool NAME(find_tap)(const nn_taps *p, const T *offset, int tap, T 
 
 typedef T NAME(eight) __attribute__((vector_size(8 * sizeof(T))));
 
-static inline void NAME(load_eight)(NAME(eight) *v, const S *p) {
+static inline void NAME(load_eight)(NAME(eight) * v, const S *p) {
     T t[8];
     for (int i = 0; i < 8; i++) {
         t[i] = LOAD(p[i]);
@@ -39,7 +41,7 @@ static inline void NAME(load_eight)(NAME(eight) *v, const S *p) {
     memcpy(v, t, sizeof t);
 }
 
-static inline T NAME(sum_eight)(const NAME(eight) *p) {
+static inline T NAME(sum_eight)(const NAME(eight) * p) {
     T v[8];
     memcpy(v, p, sizeof v);
     return ((v[0] + v[4]) + (v[2] + v[6])) + ((v[1] + v[5]) + (v[3] + v[7]));
@@ -58,8 +60,9 @@ static void NAME(taps_sample)(const nn_taps *p, const void *picture, const void 
                 memset(to, 0, p->c * sizeof *to);
                 continue;
             }
-            const S *at = x + (p->first + q) * p->c, *a = at + k.pixel[0] * p->channels, *b = at + k.pixel[1] * p->channels,
-                    *c = at + k.pixel[2] * p->channels, *d = at + k.pixel[3] * p->channels;
+            const S *at = x + (p->first + q) * p->c, *a = at + k.pixel[0] * p->channels,
+                    *b = at + k.pixel[1] * p->channels, *c = at + k.pixel[2] * p->channels,
+                    *d = at + k.pixel[3] * p->channels;
             const T wa = k.weight[0] * mask[tap], wb = k.weight[1] * mask[tap], wc = k.weight[2] * mask[tap],
                     wd = k.weight[3] * mask[tap];
             size_t i = 0;

@@ -154,8 +154,8 @@ size_t nn_graph_memory(const nn_graph *g) {
 }
 
 void nn_graph_print(const nn_graph *g, FILE *out) {
-    fprintf(out, "%6s  %-40s %-14s %-22s %-14s %10s %9s %9s\n", "node", "layer", "operation", "shape", "kernel", "MFLOP",
-            "forward", "backward");
+    fprintf(out, "%6s  %-40s %-14s %-22s %-14s %10s %9s %9s\n", "node", "layer", "operation", "shape", "kernel",
+            "MFLOP", "forward", "backward");
     double flops = 0, seconds[2] = {0, 0};
     for (int v = 1; v <= g->count; v++) {
         const nn_node *node = g->nodes[v];
@@ -164,7 +164,9 @@ void nn_graph_print(const nn_graph *g, FILE *out) {
             continue;
         }
         snprintf(shape, sizeof shape, "%dx%dx%dx%d %s", node->shape.n, node->shape.h, node->shape.w, node->shape.c,
-                 node->type == NN_F64 ? "f64" : node->type == NN_BF16 ? "bf16" : "f32");
+                 node->type == NN_F64    ? "f64"
+                 : node->type == NN_BF16 ? "bf16"
+                                         : "f32");
         fprintf(out, "%6d  %-40s %-14s %-22s %-14s %10.2f %9.3f %9.3f\n", v, node->scope, node->op->name, shape,
                 node->kernel_name != NULL ? node->kernel_name : "", node->flops / 1e6, node->seconds[0] * 1e3,
                 node->seconds[1] * 1e3);

@@ -75,7 +75,8 @@ CASE(roll_c) { return nn_roll(g, x[0], NN_AXIS_C, -1); }
 CASE(permute) { return nn_permute(g, x[0], (const nn_axis[]){NN_AXIS_C, NN_AXIS_N, NN_AXIS_W, NN_AXIS_H}); }
 CASE(reshape) { return nn_reshape(g, x[0], (nn_shape){5, 1, 6, 4}); }
 CASE(reshape_used_twice) {
-    return nn_add(g, nn_reshape(g, x[0], (nn_shape){1, 1, 24, 5}), nn_reshape(g, nn_activate(g, x[0], NN_TANH), (nn_shape){1, 1, 24, 5}));
+    const nn_shape flat = {1, 1, 24, 5};
+    return nn_add(g, nn_reshape(g, x[0], flat), nn_reshape(g, nn_activate(g, x[0], NN_TANH), flat));
 }
 CASE(pad_zero) { return nn_pad(g, x[0], 1, 2, 0, 3, NN_ZERO); }
 CASE(pad_reflect) { return nn_pad(g, x[0], 2, 1, 3, 2, NN_REFLECT); }

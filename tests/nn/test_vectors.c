@@ -66,7 +66,8 @@ static void test_case(const op_case *c, nn_type type, double bound, double gradi
     int inputs = 0;
     test_ok(nn_weights_create(&weights, 1, &error), &error);
     give_parameters(weights, c->name);
-    test_ok(nn_graph_create(&g, weights, &(nn_graph_params){.type = type, .job = &job, .poison = true}, &error), &error);
+    test_ok(nn_graph_create(&g, weights, &(nn_graph_params){.type = type, .job = &job, .poison = true}, &error),
+            &error);
     const bool first_only = starts(c->name, "warp") || starts(c->name, "deform") || starts(c->name, "network");
     for (; inputs < MOST_INPUTS && c->shape[inputs].n > 0; inputs++) {
         x[inputs] = nn_input_grad(g, "x", c->shape[inputs]);
@@ -119,8 +120,9 @@ static void test_f32(void **state) {
 }
 
 /* bf16 has eight bits: a number is off by 2^-9 at most, a sum or function of some rounded numbers by a few times that.
- * Where rounding changes an order or a sign (sort, maximum, |x|, clamp, the leaky one of conv_3), single gradients go elsewhere; not compared.
- * Results to 0.012 of 1 + the largest number, gradients, which meet the kinks of activations, to 0.03; the network 0.04. */
+ * Where rounding changes an order or a sign (sort, maximum, |x|, clamp, the leaky one of conv_3), single gradients go
+ * elsewhere; not compared. Results to 0.012 of 1 + the largest number, gradients, which meet the kinks of activations,
+ * to 0.03; the network 0.04. */
 static void test_bf16(void **state) {
     (void)state;
     const char *const jumps[] = {"sort", "max_pool", "l1", "abs", "clamp", "conv_3"};

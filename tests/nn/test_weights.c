@@ -119,7 +119,8 @@ static void test_files(void **state) {
         for (size_t i = 0; i < p->count; i++) {
             const double v = (double)p->value[i], error_of = fabs((double)q->value[i] - v);
             assert_true(q->value[i] == p->value[i] ||
-                        error_of <= fabs(v) * bounds[t] + (t == 2 ? 0x1p-25 : 0)); /* halves of f16 have steps of 2^-24 */
+                        error_of <=
+                            fabs(v) * bounds[t] + (t == 2 ? 0x1p-25 : 0)); /* halves of f16 have steps of 2^-24 */
             assert_true(q->value[i] == r->value[i]);
         }
         assert_true(isinf(q->value[6]) && q->value[7] == -2.5f && signbit(q->value[1]));
@@ -168,9 +169,21 @@ static void test_strange_files(void **state) {
     const double wide[2] = {0.5, 0.25};
     const float five = 1;
     test_ok(core_safetensors_create(&writer, path, 0, &error), &error);
-    test_ok(core_safetensors_add(writer, &(core_tensor){.name = "layer.steps", .dtype = CORE_I64, .rank = 1, .shape = {1}, .data = &steps}, &error), &error);
-    test_ok(core_safetensors_add(writer, &(core_tensor){.name = "layer.w", .dtype = CORE_F64, .rank = 2, .shape = {1, 2}, .data = wide}, &error), &error);
-    test_ok(core_safetensors_add(writer, &(core_tensor){.name = "layer.five", .dtype = CORE_F32, .rank = 5, .shape = {1, 1, 1, 1, 1}, .data = &five}, &error), &error);
+    test_ok(core_safetensors_add(
+                writer,
+                &(core_tensor){.name = "layer.steps", .dtype = CORE_I64, .rank = 1, .shape = {1}, .data = &steps},
+                &error),
+            &error);
+    test_ok(core_safetensors_add(
+                writer, &(core_tensor){.name = "layer.w", .dtype = CORE_F64, .rank = 2, .shape = {1, 2}, .data = wide},
+                &error),
+            &error);
+    test_ok(
+        core_safetensors_add(
+            writer,
+            &(core_tensor){.name = "layer.five", .dtype = CORE_F32, .rank = 5, .shape = {1, 1, 1, 1, 1}, .data = &five},
+            &error),
+        &error);
     test_ok(core_safetensors_commit(writer, &error), &error);
     fixture a = make(1);
     test_ok(nn_weights_load(a.weights, path, true, &error), &error);
@@ -220,8 +233,9 @@ static void test_out_of_memory(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_first_values),   cmocka_unit_test(test_files),         cmocka_unit_test(test_other_networks),
-        cmocka_unit_test(test_strange_files), cmocka_unit_test(test_out_of_memory),
+        cmocka_unit_test(test_first_values),   cmocka_unit_test(test_files),
+        cmocka_unit_test(test_other_networks), cmocka_unit_test(test_strange_files),
+        cmocka_unit_test(test_out_of_memory),
     };
     return cmocka_run_group_tests(tests, setup, teardown);
 }
