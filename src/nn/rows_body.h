@@ -8,6 +8,7 @@
 /* Each number is read before its place is written, and no place is read again: vectors may be used although the result
  * may be the input. */
 #if defined(__clang__)
+#pragma clang diagnostic ignored "-Wpass-failed" /* some call the mathematics library, and cannot be vectors */
 #define NN_LOOP _Pragma("clang loop vectorize(assume_safety)")
 #else
 #define NN_LOOP _Pragma("GCC ivdep")
@@ -45,7 +46,7 @@ static inline float exp_float(float x) {
     return x != x ? x : x > 88.7228f ? INFINITY : x < -87.3f ? 0 : y;
 }
 
-/* For |x| <= 80; accurate near 0, where exp(x) - 1 is not. */
+/* For |x| <= 87; accurate near 0, where exp(x) - 1 is not. */
 static inline float expm1_float(float x) {
     const exp_parts p = split_exp(x);
     return (p.a * p.e) * p.b + (p.a * p.b - 1);
@@ -57,7 +58,7 @@ static inline float tanh_float(float x) {
 }
 
 static inline float sigmoid_float(float x) {
-    const float e = expm1_float(-(x > 80 ? 80 : x < -80 ? -80 : x));
+    const float e = expm1_float(-(x > 87 ? 87 : x < -87 ? -87 : x));
     return x != x ? x : 1 / (e + 2);
 }
 

@@ -50,7 +50,7 @@ void nn_fill_call(nn_graph *g, nn_call *call, const nn_step *step) {
     memcpy(call->parameter, node->parameter, sizeof call->parameter);
     for (int i = 0; i < node->inputs; i++) {
         nn_node *in = g->nodes[node->in[i]];
-        const bool there = !backward || (node->op->keeps & NN_KEEP_IN0 << i) != 0;
+        const bool there = !backward || (node->op->keeps & 1u << i) != 0;
         const int again = step->pass != NN_FORWARD && in->recomputed;
         call->in[i] = view_of(g, node->in[i], there ? in->buffer[again] : 0);
         call->din[i] = view_of(g, node->in[i], backward && in->wants_grad ? in->grad : 0);
