@@ -91,10 +91,10 @@ static double flops(const nn_call *call) {
     return (double)nn_count(call->out.shape);
 }
 
-#define BINARY_OP(text, what)                                                                                         \
-    {                                                                                                                 \
-        .name = text, .keeps = what, .in_place = true, .grad_in_place = 1, .forward = forward, .backward = backward,  \
-        .scratch_bytes = scratch_bytes, .flops = flops                                                                \
+#define BINARY_OP(text, what)                                                                                          \
+    {                                                                                                                  \
+        .name = text, .keeps = what, .in_place = true, .grad_in_place = 1, .forward = forward, .backward = backward,   \
+        .scratch_bytes = scratch_bytes, .flops = flops                                                                 \
     }
 
 static const nn_op ops[] = {

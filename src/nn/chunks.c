@@ -283,8 +283,8 @@ static void sum_range(void *arg, size_t begin, size_t end, int worker) {
     for (size_t i = begin; i < end; i++) {
         const size_t unit = i / job->l.blocks, block = i % job->l.blocks;
         size_t result = 0;
-        const size_t n = job->l.last_kept ? sum_columns(job, unit, block, sums, &result)
-                                          : sum_rows(job, unit, block, sums, &result);
+        const size_t n =
+            job->l.last_kept ? sum_columns(job, unit, block, sums, &result) : sum_rows(job, unit, block, sums, &result);
         if (job->l.blocks > 1) {
             memcpy(job->scratch + block * job->l.results + result, sums, n * sizeof *sums);
         } else {

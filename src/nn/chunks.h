@@ -28,7 +28,8 @@ typedef struct nn_fetch {
 } nn_fetch;
 
 nn_fetch nn_fetch_create(nn_view view, nn_shape full);
-/* n <= NN_CHUNK numbers from an offset, as float (double where the type is NN_F64): perhaps in `room`, perhaps in place. */
+/* n <= NN_CHUNK numbers from an offset, as float (double where the type is NN_F64): perhaps in `room`, perhaps in
+ * place. */
 const void *nn_fetch_get(const nn_fetch *f, size_t offset, size_t n, nn_chunk *room);
 
 /* The same the other way: values of the full shape. */

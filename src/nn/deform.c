@@ -17,7 +17,6 @@
 
 #include "nn/chunks.h"
 #include "nn/move.h"
-#include "nn/sample.h"
 
 enum { TAPS = 9, BLOCK = 64 /* pixels */, PARTIAL = 8 /* sums of weight gradients, side by side */ };
 
@@ -31,11 +30,11 @@ typedef struct deform_job {
     deform d;
     size_t h, w, pixels; /* pixels: of one picture */
     size_t oh, ow, results;
-    size_t k;            /* of a weight group: 9 c/groups */
-    const nn_rows *rows;
+    size_t k; /* of a weight group: 9 c/groups */
+    const nn_rows *rows, *offset_rows, *mask_rows;
     nn_type wide;
-    size_t t;            /* bytes of a number that is computed with */
-    size_t picture;      /* backward: which */
+    size_t t;       /* bytes of a number that is computed with */
+    size_t picture; /* backward: which */
     nn_view x, offset, mask;
     unsigned char *weights, *turned; /* T: {group, k, out/group} and {group, out/group, k} */
     unsigned char *columns;          /* T: a block for each worker, or a picture's */
@@ -61,6 +60,8 @@ static deform_job job_of(nn_call *call) {
                         .results = (size_t)o.h * (size_t)o.w,
                         .k = TAPS * d->c / d->weight_groups,
                         .rows = nn_rows_of(type),
+                        .offset_rows = nn_rows_of(call->in[1].type),
+                        .mask_rows = nn_rows_of(call->in[2].type),
                         .wide = type == NN_F64 ? NN_F64 : NN_F32,
                         .t = type == NN_F64 ? 8 : 4,
                         .x = call->in[0],
@@ -68,57 +69,62 @@ static deform_job job_of(nn_call *call) {
                         .mask = call->in[2]};
 }
 
-/* One tap of one offset group at a pixel of the result (counted over all pictures). */
-typedef struct sample {
-    nn_corners corners;
-    double mask;
-} sample;
-
-static sample sample_of(const deform_job *job, size_t pixel, size_t group, size_t tap) {
-    const size_t offset_at = pixel * 18 * job->d.offset_groups + 18 * group + 2 * tap,
-                 mask_at = pixel * 9 * job->d.offset_groups + 9 * group + tap;
-    double o[2], m;
-    nn_load_double(job->offset.type, (const unsigned char *)job->offset.data + offset_at * nn_type_size(job->offset.type), o,
-                   2);
-    nn_load_double(job->mask.type, (const unsigned char *)job->mask.data + mask_at * nn_type_size(job->mask.type), &m, 1);
-    const double y = (double)(pixel / job->ow % job->oh) - job->d.pad + (double)(tap / 3) * job->d.dilation + o[0],
-                 x = (double)(pixel % job->ow) - job->d.pad + (double)(tap % 3) * job->d.dilation + o[1];
-    return (sample){nn_corners_of(y, x, (int)job->h, (int)job->w), m};
-}
-
-/* Channels of a part; where it begins in x, and at a tap in a row of columns. */
+/* Parts of the channels: each in one offset group and one weight group. */
 static size_t parts(const deform_job *job) {
     return job->d.offset_groups > job->d.weight_groups ? job->d.offset_groups : job->d.weight_groups;
 }
 
-static size_t column_at(const deform_job *job, size_t channel, size_t tap) {
-    const size_t wide = job->d.c / job->d.weight_groups, group = channel / wide;
-    return group * job->k + tap * wide + channel % wide;
+static nn_taps taps_of(const deform_job *job, size_t group) {
+    const size_t count = parts(job);
+    return (nn_taps){.h = (int)job->h,
+                     .w = (int)job->w,
+                     .dilation = job->d.dilation,
+                     .channels = job->d.c,
+                     .c = job->d.c / count,
+                     .first = group * count / job->d.offset_groups,
+                     .parts = count / job->d.offset_groups,
+                     .wide = job->d.c / job->d.weight_groups,
+                     .k = job->k};
+}
+
+/* Offsets and masks of a group at a pixel of the result (counted over all pictures), and where its first tap is. */
+typedef struct taps_at {
+    union {
+        float f[27];
+        double d[27];
+    } room;
+    const void *offset, *mask;
+    double y, x;
+} taps_at;
+
+static const void *wide_numbers(nn_view v, size_t at, size_t n, void *room) {
+    const unsigned char *p = (const unsigned char *)v.data + at * nn_type_size(v.type);
+    if (v.type != NN_BF16) {
+        return p;
+    }
+    nn_rows_of(NN_BF16)->load(p, room, n);
+    return room;
+}
+
+static void find_taps(const deform_job *job, size_t pixel, size_t group, taps_at *t) {
+    const size_t at = pixel * job->d.offset_groups + group;
+    t->offset = wide_numbers(job->offset, 18 * at, 18, t->room.f);
+    t->mask = wide_numbers(job->mask, 9 * at, 9, t->room.f + 18);
+    t->y = (double)(pixel / job->ow % job->oh) - job->d.pad;
+    t->x = (double)(pixel % job->ow) - job->d.pad;
 }
 
 /* Rows of columns for some pixels. */
 static void sample_columns(const deform_job *job, size_t begin, size_t end, unsigned char *columns) {
-    const size_t count = parts(job), c = job->d.c / count, row = TAPS * job->d.c;
-    const size_t s = job->rows->s_size;
-    for (size_t p = begin; p < end; p++) {
-        const unsigned char *picture = (const unsigned char *)job->x.data + p / job->results * job->pixels * job->d.c * s;
-        unsigned char *to = columns + (p - begin) * row * job->t;
-        for (size_t g = 0; g < job->d.offset_groups; g++) {
-            for (size_t tap = 0; tap < TAPS; tap++) {
-                sample a = sample_of(job, p, g, tap);
-                for (int j = 0; j < a.corners.count; j++) {
-                    a.corners.weight[j] *= a.mask;
-                }
-                const size_t first = g * count / job->d.offset_groups, last = (g + 1) * count / job->d.offset_groups;
-                for (size_t q = first; q < last; q++) {
-                    const void *from[4];
-                    for (int j = 0; j < a.corners.count; j++) {
-                        from[j] = picture + (a.corners.pixel[j] * job->d.c + q * c) * s;
-                    }
-                    job->rows->blend_t(from, a.corners.weight, a.corners.count,
-                                       to + column_at(job, q * c, tap) * job->t, c);
-                }
-            }
+    for (size_t g = 0; g < job->d.offset_groups; g++) {
+        const nn_taps taps = taps_of(job, g);
+        for (size_t p = begin; p < end; p++) {
+            const unsigned char *picture =
+                (const unsigned char *)job->x.data + p / job->results * job->pixels * job->d.c * job->rows->s_size;
+            taps_at t;
+            find_taps(job, p, g, &t);
+            job->rows->taps_sample(&taps, picture, t.offset, t.mask, t.y, t.x,
+                                   columns + (p - begin) * TAPS * job->d.c * job->t);
         }
     }
 }
@@ -215,68 +221,43 @@ static void weight_blocks(void *arg, size_t begin, size_t end, int worker) {
     }
 }
 
-/* The columns' gradient; and from it those of offsets and masks. */
 static void column_blocks(void *arg, size_t begin, size_t end, int worker) {
     const deform_job *job = arg;
-    const size_t row = TAPS * job->d.c, out = job->d.out, few = out / job->d.weight_groups, s = job->rows->s_size;
-    const size_t count = parts(job), c = job->d.c / count;
-    const nn_view d_offset = job->call->din[1], d_mask = job->call->din[2];
+    const size_t row = TAPS * job->d.c, out = job->d.out, few = out / job->d.weight_groups;
     unsigned char *room = job->results_t + (size_t)worker * padded(BLOCK * out * job->t);
     for (size_t b = begin; b < end; b += BLOCK) {
-        const size_t n = end - b < BLOCK ? end - b : BLOCK, start = job->picture * job->results + b;
-        const unsigned char *g = gradient_at(job, start, n, room);
-        unsigned char *columns = job->columns + b * row * job->t;
+        const size_t n = end - b < BLOCK ? end - b : BLOCK;
+        const unsigned char *g = gradient_at(job, job->picture * job->results + b, n, room);
         for (size_t i = 0; i < job->d.weight_groups; i++) {
             job->rows->product(n, job->k, few, g + i * few * job->t, out, 1, job->turned + i * few * job->k * job->t,
-                               job->k, columns + i * job->k * job->t, row, false);
-        }
-        const unsigned char *picture =
-            (const unsigned char *)job->x.data + job->picture * job->pixels * job->d.c * s;
-        for (size_t i = 0; i < n * job->d.offset_groups * TAPS && (d_offset.data != NULL || d_mask.data != NULL); i++) {
-            const size_t p = start + i / (job->d.offset_groups * TAPS), group = i / TAPS % job->d.offset_groups,
-                         tap = i % TAPS;
-            const sample a = sample_of(job, p, group, tap);
-            const size_t first = group * count / job->d.offset_groups, last = (group + 1) * count / job->d.offset_groups;
-            double value = 0, slope[2] = {0, 0};
-            for (int j = 0; j < a.corners.count; j++) {
-                double dot = 0;
-                for (size_t q = first; q < last; q++) {
-                    dot += job->rows->dot_t(columns + ((p - start) * row + column_at(job, q * c, tap)) * job->t,
-                                            picture + (a.corners.pixel[j] * job->d.c + q * c) * s, c);
-                }
-                value += a.corners.weight[j] * dot;
-                slope[0] += a.corners.dy[j] * dot * a.mask;
-                slope[1] += a.corners.dx[j] * dot * a.mask;
-            }
-            const size_t at = (p * job->d.offset_groups + group) * TAPS + tap;
-            if (d_offset.data != NULL) {
-                nn_store_double(d_offset.type, slope,
-                                (unsigned char *)d_offset.data + 2 * at * nn_type_size(d_offset.type), 2,
-                                job->call->add[1]);
-            }
-            if (d_mask.data != NULL) {
-                nn_store_double(d_mask.type, &value, (unsigned char *)d_mask.data + at * nn_type_size(d_mask.type), 1,
-                                job->call->add[2]);
-            }
+                               job->k, job->columns + (b * row + i * job->k) * job->t, row, false);
         }
     }
 }
 
-/* Each part of the channels is scattered by one worker, in the order of the pixels. */
-static void scatter_parts(void *arg, size_t begin, size_t end, int worker) {
+/* From the columns' gradient those of x, offsets and masks. One worker does an offset group, whose channels are nobody
+ * else's, in the order of the pixels. */
+static void back_groups(void *arg, size_t begin, size_t end, int worker) {
     const deform_job *job = arg;
-    const size_t row = TAPS * job->d.c, count = parts(job), c = job->d.c / count;
+    const nn_view d_offset = job->call->din[1], d_mask = job->call->din[2];
+    const unsigned char *picture =
+        (const unsigned char *)job->x.data + job->picture * job->pixels * job->d.c * job->rows->s_size;
     (void)worker;
-    for (size_t q = begin; q < end; q++) {
-        const size_t group = q * job->d.offset_groups / count;
+    for (size_t g = begin; g < end; g++) {
+        const nn_taps taps = taps_of(job, g);
         for (size_t b = 0; b < job->results; b++) {
-            for (size_t tap = 0; tap < TAPS; tap++) {
-                const sample a = sample_of(job, job->picture * job->results + b, group, tap);
-                const unsigned char *from = job->columns + (b * row + column_at(job, q * c, tap)) * job->t;
-                for (int j = 0; j < a.corners.count; j++) {
-                    job->rows->add_weighted_t(a.corners.weight[j] * a.mask, from,
-                                              job->sums + (a.corners.pixel[j] * job->d.c + q * c) * job->t, c);
-                }
+            const size_t p = job->picture * job->results + b, at = p * job->d.offset_groups + g;
+            double offsets[18], masks[9]; /* room for T */
+            taps_at t;
+            find_taps(job, p, g, &t);
+            job->rows->taps_back(&taps, picture, t.offset, t.mask, t.y, t.x,
+                                 job->columns + b * TAPS * job->d.c * job->t,
+                                 job->call->din[0].data != NULL ? job->sums : NULL, offsets, masks);
+            if (d_offset.data != NULL) {
+                nn_put(job->offset_rows, d_offset, 18 * at, 18, offsets, job->call->add[1]);
+            }
+            if (d_mask.data != NULL) {
+                nn_put(job->mask_rows, d_mask, 9 * at, 9, masks, job->call->add[2]);
             }
         }
     }
@@ -323,7 +304,8 @@ static void add_weights(const deform_job *job) {
 }
 
 static size_t sums_bytes(const deform_job *job, size_t threads) {
-    const size_t picture = padded(job->pixels * job->d.c * job->t), blocks = threads * padded(BLOCK * TAPS * job->d.c * job->t);
+    const size_t picture = padded(job->pixels * job->d.c * job->t),
+                 blocks = threads * padded(BLOCK * TAPS * job->d.c * job->t);
     return picture > blocks ? picture : blocks; /* x' gradient, or workers' columns */
 }
 
@@ -347,10 +329,10 @@ static void backward(nn_call *call) {
         }
         if (data) {
             core_parallel(call->pool, job.results, BLOCK, column_blocks, &job);
+            nn_zero(call->pool, job.sums, job.pixels * job.d.c * job.t);
+            core_parallel(call->pool, job.d.offset_groups, 1, back_groups, &job);
         }
         if (call->din[0].data != NULL) {
-            nn_zero(call->pool, job.sums, job.pixels * job.d.c * job.t);
-            core_parallel(call->pool, parts(&job), 1, scatter_parts, &job);
             nn_each_chunk(call->pool, job.pixels * job.d.c, put_chunk, &job);
         }
     }
@@ -371,7 +353,8 @@ static size_t scratch_bytes(const nn_call *call, bool backward_pass, int threads
 }
 
 static double flops(const nn_call *call) {
-    const deform_job job = job_of(&(nn_call){.attributes = call->attributes, .in = {call->in[0], call->in[1], call->in[2]}});
+    const deform_job job =
+        job_of(&(nn_call){.attributes = call->attributes, .in = {call->in[0], call->in[1], call->in[2]}});
     return (double)call->in[0].shape.n * (double)job.results *
            (2 * (double)job.d.out * (double)job.k + 8 * TAPS * (double)job.d.c);
 }
@@ -398,8 +381,8 @@ nn_value nn_deform_conv2d(nn_graph *g, nn_value x, nn_value offset, nn_value mas
         return 0;
     }
     const nn_shape s = nn_shape_of(g, x), o = nn_shape_of(g, offset), m = nn_shape_of(g, mask);
-    if (p->out < 1 || p->pad < 0 || p->pad > 1 << 16 || p->dilation < 1 || p->dilation > 1 << 16 || p->offset_groups < 1 ||
-        p->offset_groups > 1 << 16 || p->weight_groups < 1 || !fits(s, o, m, p)) {
+    if (p->out < 1 || p->pad < 0 || p->pad > 1 << 16 || p->dilation < 1 || p->dilation > 1 << 16 ||
+        p->offset_groups < 1 || p->offset_groups > 1 << 16 || p->weight_groups < 1 || !fits(s, o, m, p)) {
         return nn_reject(g, "%s: offsets %s and masks %s for %s (out %d, pad %d, dilation %d, groups %d, %d)", p->name,
                          nn_text_of(o).text, nn_text_of(m).text, nn_text_of(s).text, p->out, p->pad, p->dilation,
                          p->offset_groups, p->weight_groups);
@@ -419,9 +402,8 @@ nn_value nn_deform_conv2d(nn_graph *g, nn_value x, nn_value offset, nn_value mas
     if (weight == NULL || bias == NULL) {
         return 0;
     }
-    const deform d = {p->pad,          p->dilation,
-                      (size_t)s.c,     (size_t)p->out,
-                      (size_t)p->offset_groups, (size_t)p->weight_groups};
+    const deform d = {
+        p->pad, p->dilation, (size_t)s.c, (size_t)p->out, (size_t)p->offset_groups, (size_t)p->weight_groups};
     return nn_node_add(g, &(nn_node_params){.op = &deform_op,
                                             .inputs = 3,
                                             .in = (const nn_value[]){x, offset, mask},

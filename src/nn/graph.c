@@ -184,7 +184,8 @@ nn_value nn_node_add(nn_graph *g, const nn_node_params *params) {
         return nn_reject(g, "the network is planned already; nothing can be added");
     }
     size_t count = 0;
-    if (s.n < 1 || s.h < 1 || s.w < 1 || s.c < 1 || __builtin_mul_overflow((size_t)s.n * (size_t)s.h, (size_t)s.w, &count) ||
+    if (s.n < 1 || s.h < 1 || s.w < 1 || s.c < 1 ||
+        __builtin_mul_overflow((size_t)s.n * (size_t)s.h, (size_t)s.w, &count) ||
         __builtin_mul_overflow(count, (size_t)s.c, &count) || count > (size_t)1 << 40) {
         return nn_reject(g, "%s: the result would be %d x %d x %d x %d", params->op->name, s.n, s.h, s.w, s.c);
     }
@@ -257,11 +258,12 @@ static nn_type wide_type(const nn_graph *g) {
 static nn_value add_source(nn_graph *g, const nn_op *op, const char *name, nn_shape shape, const float *values) {
     int segment = g->segment;
     g->segment = 0;
-    nn_value v = nn_node_add(g, &(nn_node_params){.op = op,
-                                                  .shape = shape,
-                                                  .type = wide_type(g),
-                                                  .attributes = values,
-                                                  .attributes_size = values != NULL ? nn_count(shape) * sizeof(float) : 0});
+    nn_value v =
+        nn_node_add(g, &(nn_node_params){.op = op,
+                                         .shape = shape,
+                                         .type = wide_type(g),
+                                         .attributes = values,
+                                         .attributes_size = values != NULL ? nn_count(shape) * sizeof(float) : 0});
     g->segment = segment;
     if (v != 0) {
         g->nodes[v]->source = true;
@@ -345,5 +347,6 @@ nn_value nn_param(nn_graph *g, const char *name, nn_shape shape, int rank, const
         return nn_reject(g, "%s: %zu numbers cannot be seen as %d x %d x %d x %d", name, p->count, shape.n, shape.h,
                          shape.w, shape.c);
     }
-    return nn_node_add(g, &(nn_node_params){.op = &nn_op_param, .shape = shape, .type = wide_type(g), .parameter = {p}});
+    return nn_node_add(g,
+                       &(nn_node_params){.op = &nn_op_param, .shape = shape, .type = wide_type(g), .parameter = {p}});
 }

@@ -22,9 +22,9 @@ struct nn_node {
     nn_type type;
     void *attributes;
     nn_parameter *parameter[NN_MAX_PARAMETERS];
-    int segment;  /* of recomputing, from 1; 0: none */
-    bool source;  /* input or constant: filled from outside, never computed */
-    bool output;  /* kept to the end */
+    int segment;     /* of recomputing, from 1; 0: none */
+    bool source;     /* input or constant: filled from outside, never computed */
+    bool output;     /* kept to the end */
     bool wants_grad; /* an nn_input_grad, or d loss/d value leads to a parameter or to such an input */
 
     /* Of the plan. */

@@ -111,12 +111,8 @@ static void move_range(void *arg, size_t begin, size_t end, int worker) {
 
 void nn_move_run(core_pool *pool, nn_type type, const void *from, void *to, const nn_move *move, bool backwards,
                  bool add) {
-    move_job job = {.m = *move,
-                    .from = from,
-                    .to = to,
-                    .element = nn_type_size(type),
-                    .rows = nn_rows_of(type),
-                    .add = add};
+    move_job job = {
+        .m = *move, .from = from, .to = to, .element = nn_type_size(type), .rows = nn_rows_of(type), .add = add};
     if (backwards) {
         memcpy(job.m.from, move->to, sizeof move->to);
         memcpy(job.m.to, move->from, sizeof move->from);

@@ -54,7 +54,8 @@ typedef struct nn_op {
     int grad_in_place; /* 1 + i: din[i] may be the buffer of dout, so it is written last; add[i] is not set then */
     void (*forward)(nn_call *call);
     void (*backward)(nn_call *call);
-    /* Optional. Bytes from forward to backward, and of scratch (backward: which pass), for the pool's thread count. */
+    /* Optional. Bytes from forward to backward, and of scratch (backward: which pass), for the pool's thread count. Asked
+     * when planning: no data is there yet, so scratch is for all gradients that may be wanted. */
     size_t (*saved_bytes)(const nn_call *call);
     size_t (*scratch_bytes)(const nn_call *call, bool backward, int threads);
     /* Optional. At planning: chooses a kernel (*kernel_name is shown), makes what it needs; undone by release. */

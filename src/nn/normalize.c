@@ -157,8 +157,12 @@ static void l2_forward(nn_call *call) {
 
 static void l2_backward(nn_call *call) {
     if (call->din[0].data != NULL) {
-        row_job job = {
-            .call = call, .row = l2_back_row, .a = call->in[0], .g = call->dout, .to = call->din[0], .add = call->add[0]};
+        row_job job = {.call = call,
+                       .row = l2_back_row,
+                       .a = call->in[0],
+                       .g = call->dout,
+                       .to = call->din[0],
+                       .add = call->add[0]};
         run(&job);
     }
 }

@@ -104,8 +104,7 @@ static size_t scratch_bytes(const nn_call *call, bool backward_pass, int threads
     return backward_pass ? (size_t)threads * ((width * 8 + 63) / 64 * 64) : 0;
 }
 
-static const nn_op pad_op = {
-    .name = "pad", .forward = forward, .backward = backward, .scratch_bytes = scratch_bytes};
+static const nn_op pad_op = {.name = "pad", .forward = forward, .backward = backward, .scratch_bytes = scratch_bytes};
 
 nn_value nn_pad(nn_graph *g, nn_value x, int top, int bottom, int left, int right, nn_border border) {
     if (!nn_usable(g, x)) {

@@ -36,7 +36,8 @@ static size_t find_gap(const nn_buffer *b, nn_buffer *const *placed, size_t coun
 }
 
 size_t nn_place(nn_buffer *buffers, int count, bool separate) {
-    nn_buffer **order = core_alloc((size_t)count + 1, sizeof *order), **placed = core_alloc((size_t)count + 1, sizeof *placed);
+    nn_buffer **order = core_alloc((size_t)count + 1, sizeof *order),
+              **placed = core_alloc((size_t)count + 1, sizeof *placed);
     if (order == NULL || placed == NULL) {
         core_free((void *)order);
         core_free((void *)placed);

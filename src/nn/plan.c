@@ -121,7 +121,7 @@ static void choose_recomputed(nn_graph *g, bool *escapes) {
             node->recomputed |= !escapes[v] && ((node->op->keeps & NN_KEEP_OUT) != 0 || saved_bytes(g, v) > 0);
         }
         for (int i = 0; i < node->inputs; i++) {
-            const bool read = node->recomputed || (node->backward && (node->op->keeps & NN_KEEP_IN0 << i) != 0);
+            const bool read = node->recomputed || (node->backward && (node->op->keeps & 1u << i) != 0);
             g->nodes[node->in[i]]->recomputed |= read && !escapes[node->in[i]];
         }
     }
@@ -234,7 +234,7 @@ static void live_backward(nn_graph *g, int t) {
     use(g, node->grad, t);
     for (int i = 0; i < node->inputs; i++) {
         nn_node *in = g->nodes[node->in[i]];
-        if (node->op->keeps & NN_KEEP_IN0 << i) {
+        if (node->op->keeps & 1u << i) {
             use(g, value_buffer(g, node->in[i], NN_BACKWARD), t);
         }
         if (!in->wants_grad) {
@@ -288,8 +288,7 @@ static void backward_in_place(nn_graph *g, int t) {
     }
     const int a = nn_buffer_of(g, node->grad), b = nn_buffer_of(g, g->nodes[node->in[i]]->grad);
     bool legal = a != b && g->buffers[a].last == t && g->buffers[b].first == t &&
-                 nn_bytes(g, g->steps[t].node) == nn_bytes(g, node->in[i]) &&
-                 node->type == g->nodes[node->in[i]]->type;
+                 nn_bytes(g, g->steps[t].node) == nn_bytes(g, node->in[i]) && node->type == g->nodes[node->in[i]]->type;
     for (int j = 0; j < node->inputs; j++) {
         legal &= j == i || node->in[j] != node->in[i];
     }

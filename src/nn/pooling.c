@@ -74,7 +74,8 @@ static void average_rows(void *arg, size_t begin, size_t end, int worker) {
                 memset(&sums, 0, piece * job->rows->t_size);
                 for (int y = v.begin; y < v.end; y++) {
                     for (int x = u.begin; x < u.end; x++) {
-                        job->rows->add_weighted(weight, at(job->call->in[0].data, in, size, n, y, x, start), &sums, piece);
+                        job->rows->add_weighted(weight, at(job->call->in[0].data, in, size, n, y, x, start), &sums,
+                                                piece);
                     }
                 }
                 nn_put(job->rows, job->call->out, (i * (size_t)out.w + (size_t)ox) * c + start, piece, &sums, false);
@@ -167,15 +168,17 @@ static void max_back_rows(void *arg, size_t begin, size_t end, int worker) {
                 memset(sums, 0, piece * sizeof *sums);
                 for (int oy = first_y; oy < out.h && window_of(job->p, oy, in.h, out.h).begin <= y; oy++) {
                     for (int ox = first_x; ox < out.w && window_of(job->p, ox, in.w, out.w).begin <= x; ox++) {
-                        const int32_t *where = (const int32_t *)(const void *)at(job->call->saved, out, 4, n, oy, ox, start);
+                        const int32_t *where =
+                            (const int32_t *)(const void *)at(job->call->saved, out, 4, n, oy, ox, start);
                         nn_load_double(d.type, at(job->call->dout.data, out, size, n, oy, ox, start), g, piece);
                         for (size_t k = 0; k < piece; k++) {
                             sums[k] += where[k] == place ? g[k] : 0;
                         }
                     }
                 }
-                nn_store_double(d.type, sums, (unsigned char *)d.data + ((i * (size_t)in.w + (size_t)x) * c + start) * size,
-                                piece, job->call->add[0]);
+                nn_store_double(d.type, sums,
+                                (unsigned char *)d.data + ((i * (size_t)in.w + (size_t)x) * c + start) * size, piece,
+                                job->call->add[0]);
             }
         }
     }
@@ -233,7 +236,8 @@ static bool can_pool(nn_graph *g, const char *name, nn_value x, int kernel, int 
         return false;
     }
     const nn_shape s = nn_shape_of(g, x);
-    if (kernel < 1 || stride < 1 || stride > 1 << 20 || kernel > s.h || kernel > s.w || (int64_t)s.h * s.w > INT32_MAX) {
+    if (kernel < 1 || stride < 1 || stride > 1 << 20 || kernel > s.h || kernel > s.w ||
+        (int64_t)s.h * s.w > INT32_MAX) {
         nn_reject(g, "%s: windows of %d in steps of %d in %s", name, kernel, stride, nn_text_of(s).text);
         return false;
     }

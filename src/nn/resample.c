@@ -93,8 +93,9 @@ static void backward_rows(void *arg, size_t begin, size_t end, int worker) {
             if (weight == 0) {
                 continue;
             }
-            const unsigned char *g = (const unsigned char *)job->call->dout.data +
-                                     (i / (size_t)job->in.h * (size_t)job->out.h + (size_t)oy) * (size_t)job->out.w * pixel;
+            const unsigned char *g =
+                (const unsigned char *)job->call->dout.data +
+                (i / (size_t)job->in.h * (size_t)job->out.h + (size_t)oy) * (size_t)job->out.w * pixel;
             for (int x = 0; x < job->out.w; x++) {
                 const tap u = tap_of(job->r, x, job->in.w, job->out.w);
                 job->rows->add_weighted(weight * (1 - u.f), g + (size_t)x * pixel, sums + (size_t)u.i * wide, c);

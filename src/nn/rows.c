@@ -18,7 +18,7 @@ const nn_rows *nn_rows_of(nn_type type) {
 
 void nn_load_double(nn_type type, const void *from, double *to, size_t n) {
     for (size_t i = 0; i < n; i++) {
-        to[i] = type == NN_F64 ? ((const double *)from)[i]
+        to[i] = type == NN_F64    ? ((const double *)from)[i]
                 : type == NN_BF16 ? (double)nn_from_bf16(((const uint16_t *)from)[i])
                                   : (double)((const float *)from)[i];
     }

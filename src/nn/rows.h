@@ -29,6 +29,20 @@ typedef enum nn_unary_kind {
     NN_COPY
 } nn_unary_kind;
 
+/* One offset group of a deformable convolution (deform.c): `parts` parts of c channels, from part `first`. */
+typedef struct nn_taps {
+    int h, w, dilation;
+    size_t channels; /* of a pixel */
+    size_t c, first, parts;
+    size_t wide, k; /* channels, and numbers of a row of columns, of a weight group */
+} nn_taps;
+
+/* Where a tap of a part begins in a row of columns. */
+static inline size_t nn_taps_column(const nn_taps *p, size_t part, int tap) {
+    const size_t channel = (p->first + part) * p->c;
+    return channel / p->wide * p->k + (size_t)tap * p->wide + channel % p->wide;
+}
+
 typedef struct nn_rows {
     size_t s_size, t_size;
 
@@ -40,7 +54,8 @@ typedef struct nn_rows {
     /* T. */
     void (*binary)(nn_binary_kind kind, const void *a, const void *b, void *out, size_t n);
     /* g times d out/d a (which = 0) or d out/d b (1). */
-    void (*binary_grad)(nn_binary_kind kind, int which, const void *g, const void *a, const void *b, void *out, size_t n);
+    void (*binary_grad)(nn_binary_kind kind, int which, const void *g, const void *a, const void *b, void *out,
+                        size_t n);
     void (*unary)(nn_unary_kind kind, double p, double q, const void *x, void *y, size_t n);
     void (*unary_grad)(nn_unary_kind kind, double p, double q, const void *g, const void *x, const void *y, void *out,
                        size_t n);
@@ -59,6 +74,11 @@ typedef struct nn_rows {
     void (*add_weighted_t)(double weight, const void *from, void *t, size_t n); /* from: T */
     double (*dot)(const void *s, const void *s2, size_t n);
     double (*dot_t)(const void *t, const void *s, size_t n);
+    /* The nine taps at (y, x), with offsets (18 T) and masks (9 T), of a picture (S): to columns (T); and backward. */
+    void (*taps_sample)(const nn_taps *p, const void *picture, const void *offset, const void *mask, double y, double x,
+                        void *columns);
+    void (*taps_back)(const nn_taps *p, const void *picture, const void *offset, const void *mask, double y, double x,
+                      const void *columns, void *sums, void *d_offset, void *d_mask);
     void (*maximum)(const void *s, void *t, int32_t *where, int32_t place, size_t n); /* keeps the larger; NaN wins */
 } nn_rows;
 

@@ -8,6 +8,7 @@
 /* Each number is read before its place is written, and no place is read again: vectors may be used although the result
  * may be the input. */
 #if defined(__clang__)
+#pragma clang diagnostic ignored "-Wpass-failed" /* some call the mathematics library, and cannot be vectors */
 #define NN_LOOP _Pragma("clang loop vectorize(assume_safety)")
 #else
 #define NN_LOOP _Pragma("GCC ivdep")
@@ -32,7 +33,10 @@ static inline exp_parts split_exp(float x) {
     e = e * r + 0.5f;
     e = e * r * r + r;
     const int whole = (int)k, half = whole / 2;
-    union { int32_t i; float f; } a = {(half + 127) * 8388608}, b = {(whole - half + 127) * 8388608};
+    union {
+        int32_t i;
+        float f;
+    } a = {(half + 127) * 8388608}, b = {(whole - half + 127) * 8388608};
     return (exp_parts){e, a.f, b.f};
 }
 
@@ -42,7 +46,7 @@ static inline float exp_float(float x) {
     return x != x ? x : x > 88.7228f ? INFINITY : x < -87.3f ? 0 : y;
 }
 
-/* For |x| <= 80; accurate near 0, where exp(x) - 1 is not. */
+/* For |x| <= 87; accurate near 0, where exp(x) - 1 is not. */
 static inline float expm1_float(float x) {
     const exp_parts p = split_exp(x);
     return (p.a * p.e) * p.b + (p.a * p.b - 1);
@@ -54,7 +58,7 @@ static inline float tanh_float(float x) {
 }
 
 static inline float sigmoid_float(float x) {
-    const float e = expm1_float(-(x > 80 ? 80 : x < -80 ? -80 : x));
+    const float e = expm1_float(-(x > 87 ? 87 : x < -87 ? -87 : x));
     return x != x ? x : 1 / (e + 2);
 }
 
@@ -112,14 +116,15 @@ static inline double same_double(double x) {
 #define M(x) x
 #include "nn/rows_typed.h"
 
-#define TABLE(s, t, name, tname)                                                                                      \
-    {                                                                                                                 \
-        .s_size = sizeof(s), .t_size = sizeof(t), .load = load_##name, .store = store_##name,                         \
-        .store_add = store_add_##name, .add_s = add_s_##name, .binary = binary_##tname,                               \
-        .binary_grad = binary_grad_##tname, .unary = unary_##tname, .unary_grad = unary_grad_##tname,                 \
-        .sum = sum_##tname, .sum_to = sum_to_##tname, .product = product_##tname, .blend = blend_##name,              \
-        .blend_t = blend_t_##name, .add_weighted = add_weighted_##name, .add_weighted_t = add_weighted_t_##tname,     \
-        .dot = dot_##name, .dot_t = dot_t_##name, .maximum = maximum_##name                                           \
+#define TABLE(s, t, name, tname)                                                                                       \
+    {                                                                                                                  \
+        .s_size = sizeof(s), .t_size = sizeof(t), .load = load_##name, .store = store_##name,                          \
+        .store_add = store_add_##name, .add_s = add_s_##name, .binary = binary_##tname,                                \
+        .binary_grad = binary_grad_##tname, .unary = unary_##tname, .unary_grad = unary_grad_##tname,                  \
+        .sum = sum_##tname, .sum_to = sum_to_##tname, .product = product_##tname, .blend = blend_##name,               \
+        .blend_t = blend_t_##name, .add_weighted = add_weighted_##name, .add_weighted_t = add_weighted_t_##tname,      \
+        .dot = dot_##name, .dot_t = dot_t_##name, .maximum = maximum_##name, .taps_sample = taps_sample_##name,        \
+        .taps_back = taps_back_##name                                                                                  \
     }
 
 const nn_rows NN_ROWS[3] = {

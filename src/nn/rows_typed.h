@@ -34,7 +34,8 @@ static void NAME(add_s)(const void *from, void *to, size_t n) {
 }
 
 /* Up to four rows at a time; more are added in turns. */
-static inline void NAME(blend_four)(const void *const *rows, const double *weights, int count, T *t, size_t n, bool add) {
+static inline void NAME(blend_four)(const void *const *rows, const double *weights, int count, T *t, size_t n,
+                                    bool add) {
     const S *a = rows[0], *b = count > 1 ? rows[1] : a, *c = count > 2 ? rows[2] : a, *d = count > 3 ? rows[3] : a;
     const T wa = (T)weights[0], wb = count > 1 ? (T)weights[1] : 0, wc = count > 2 ? (T)weights[2] : 0,
             wd = count > 3 ? (T)weights[3] : 0;
@@ -139,6 +140,8 @@ static void NAME(maximum)(const void *from, void *to, int32_t *where, int32_t pl
     }
 }
 
+#include "nn/rows_taps.h"
+
 #ifndef NN_SAME_T
 
 static void NAME(binary)(nn_binary_kind kind, const void *x, const void *y, void *z, size_t n) {
@@ -196,45 +199,57 @@ static void NAME(binary_grad)(nn_binary_kind kind, int which, const void *dz, co
     }
 }
 
-#define EACH(value)                                                                                                   \
-    NN_LOOP for (size_t i = 0; i < n; i++) {                                                                          \
-        const T v = x[i];                                                                                             \
-        y[i] = (value);                                                                                               \
-    }                                                                                                                 \
+#define EACH(value)                                                                                                    \
+    NN_LOOP for (size_t i = 0; i < n; i++) {                                                                           \
+        const T v = x[i];                                                                                              \
+        y[i] = (value);                                                                                                \
+    }                                                                                                                  \
     break
 
 static void NAME(unary)(nn_unary_kind kind, double first, double second, const void *from, void *to, size_t n) {
     const T *x = from, p = (T)first, q = (T)second;
     T *y = to;
     switch (kind) {
-    case NN_AFFINE: EACH(v * p + q);
-    case NN_CLAMP: EACH(v < p ? p : v > q ? q : v);
-    case NN_POW: EACH(M(pow)(v, p));
-    case NN_SQRT: EACH(M(sqrt)(v));
-    case NN_LOG: EACH(M(log)(v));
-    case NN_EXP: EACH(EXP(v));
-    case NN_ABS: EACH(M(fabs)(v));
-    case NN_UNARY_RELU: EACH(v < 0 ? 0 : v);
-    case NN_UNARY_LEAKY: EACH(v < 0 ? (T)0.1 * v : v);
-    case NN_UNARY_SIGMOID: EACH(SIGMOID(v));
-    case NN_UNARY_TANH: EACH(TANH(v));
-    case NN_COPY: EACH(v);
+    case NN_AFFINE:
+        EACH(v * p + q);
+    case NN_CLAMP:
+        EACH(v < p ? p : v > q ? q : v);
+    case NN_POW:
+        EACH(M(pow)(v, p));
+    case NN_SQRT:
+        EACH(M(sqrt)(v));
+    case NN_LOG:
+        EACH(M(log)(v));
+    case NN_EXP:
+        EACH(EXP(v));
+    case NN_ABS:
+        EACH(M(fabs)(v));
+    case NN_UNARY_RELU:
+        EACH(v < 0 ? 0 : v);
+    case NN_UNARY_LEAKY:
+        EACH(v < 0 ? (T)0.1 * v : v);
+    case NN_UNARY_SIGMOID:
+        EACH(SIGMOID(v));
+    case NN_UNARY_TANH:
+        EACH(TANH(v));
+    case NN_COPY:
+        EACH(v);
     }
 }
 #undef EACH
 
 /* v: the operation's input, r: its result; one of both may be missing, as unary.c says. */
-#define EACH_OF_INPUT(value)                                                                                          \
-    NN_LOOP for (size_t i = 0; i < n; i++) {                                                                          \
-        const T v = x[i];                                                                                             \
-        d[i] = (value);                                                                                               \
-    }                                                                                                                 \
+#define EACH_OF_INPUT(value)                                                                                           \
+    NN_LOOP for (size_t i = 0; i < n; i++) {                                                                           \
+        const T v = x[i];                                                                                              \
+        d[i] = (value);                                                                                                \
+    }                                                                                                                  \
     break
-#define EACH_OF_RESULT(value)                                                                                         \
-    NN_LOOP for (size_t i = 0; i < n; i++) {                                                                          \
-        const T r = y[i];                                                                                             \
-        d[i] = (value);                                                                                               \
-    }                                                                                                                 \
+#define EACH_OF_RESULT(value)                                                                                          \
+    NN_LOOP for (size_t i = 0; i < n; i++) {                                                                           \
+        const T r = y[i];                                                                                              \
+        d[i] = (value);                                                                                                \
+    }                                                                                                                  \
     break
 
 static void NAME(unary_grad)(nn_unary_kind kind, double first, double second, const void *dy, const void *from,
@@ -247,16 +262,26 @@ static void NAME(unary_grad)(nn_unary_kind kind, double first, double second, co
             d[i] = g[i] * p;
         }
         break;
-    case NN_CLAMP: EACH_OF_INPUT(v < p || v > q ? 0 : g[i]);
-    case NN_POW: EACH_OF_INPUT(g[i] * p * M(pow)(v, p - 1));
-    case NN_SQRT: EACH_OF_RESULT(g[i] / (2 * r));
-    case NN_LOG: EACH_OF_INPUT(g[i] / v);
-    case NN_EXP: EACH_OF_RESULT(g[i] * r);
-    case NN_ABS: EACH_OF_INPUT(v > 0 ? g[i] : v < 0 ? -g[i] : 0);
-    case NN_UNARY_RELU: EACH_OF_RESULT(r > 0 ? g[i] : 0);
-    case NN_UNARY_LEAKY: EACH_OF_RESULT(r > 0 ? g[i] : (T)0.1 * g[i]); /* the slope at 0 too */
-    case NN_UNARY_SIGMOID: EACH_OF_RESULT(g[i] * r * (1 - r));
-    case NN_UNARY_TANH: EACH_OF_RESULT(g[i] * (1 - r * r));
+    case NN_CLAMP:
+        EACH_OF_INPUT(v < p || v > q ? 0 : g[i]);
+    case NN_POW:
+        EACH_OF_INPUT(g[i] * p * M(pow)(v, p - 1));
+    case NN_SQRT:
+        EACH_OF_RESULT(g[i] / (2 * r));
+    case NN_LOG:
+        EACH_OF_INPUT(g[i] / v);
+    case NN_EXP:
+        EACH_OF_RESULT(g[i] * r);
+    case NN_ABS:
+        EACH_OF_INPUT(v > 0 ? g[i] : v < 0 ? -g[i] : 0);
+    case NN_UNARY_RELU:
+        EACH_OF_RESULT(r > 0 ? g[i] : 0);
+    case NN_UNARY_LEAKY:
+        EACH_OF_RESULT(r > 0 ? g[i] : (T)0.1 * g[i]); /* the slope at 0 too */
+    case NN_UNARY_SIGMOID:
+        EACH_OF_RESULT(g[i] * r * (1 - r));
+    case NN_UNARY_TANH:
+        EACH_OF_RESULT(g[i] * (1 - r * r));
     case NN_COPY:
         NN_LOOP for (size_t i = 0; i < n; i++) {
             d[i] = g[i];
@@ -300,9 +325,10 @@ static void NAME(add_weighted_t)(double weight, const void *from, void *to, size
     }
 }
 
-/* Four rows by up to 32 columns in registers. */
-static inline void NAME(tile)(size_t rows, size_t columns, size_t k, const T *a, size_t a_row, size_t a_column,
-                              const T *b, size_t b_row, T *c, size_t c_row, bool add) {
+/* Four rows by up to 32 columns in registers; inlined by force, since it is fast only where the sizes are constants. */
+__attribute__((always_inline)) static inline void NAME(tile)(size_t rows, size_t columns, size_t k, const T *a,
+                                                             size_t a_row, size_t a_column, const T *b, size_t b_row,
+                                                             T *c, size_t c_row, bool add) {
     T sum[4][32];
     for (size_t i = 0; i < rows; i++) {
         for (size_t j = 0; j < columns; j++) {

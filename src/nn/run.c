@@ -50,7 +50,7 @@ void nn_fill_call(nn_graph *g, nn_call *call, const nn_step *step) {
     memcpy(call->parameter, node->parameter, sizeof call->parameter);
     for (int i = 0; i < node->inputs; i++) {
         nn_node *in = g->nodes[node->in[i]];
-        const bool there = !backward || (node->op->keeps & NN_KEEP_IN0 << i) != 0;
+        const bool there = !backward || (node->op->keeps & 1u << i) != 0;
         const int again = step->pass != NN_FORWARD && in->recomputed;
         call->in[i] = view_of(g, node->in[i], there ? in->buffer[again] : 0);
         call->din[i] = view_of(g, node->in[i], backward && in->wants_grad ? in->grad : 0);
@@ -154,8 +154,8 @@ size_t nn_graph_memory(const nn_graph *g) {
 }
 
 void nn_graph_print(const nn_graph *g, FILE *out) {
-    fprintf(out, "%6s  %-40s %-14s %-22s %-14s %10s %9s %9s\n", "node", "layer", "operation", "shape", "kernel", "MFLOP",
-            "forward", "backward");
+    fprintf(out, "%6s  %-40s %-14s %-22s %-14s %10s %9s %9s\n", "node", "layer", "operation", "shape", "kernel",
+            "MFLOP", "forward", "backward");
     double flops = 0, seconds[2] = {0, 0};
     for (int v = 1; v <= g->count; v++) {
         const nn_node *node = g->nodes[v];
@@ -164,7 +164,9 @@ void nn_graph_print(const nn_graph *g, FILE *out) {
             continue;
         }
         snprintf(shape, sizeof shape, "%dx%dx%dx%d %s", node->shape.n, node->shape.h, node->shape.w, node->shape.c,
-                 node->type == NN_F64 ? "f64" : node->type == NN_BF16 ? "bf16" : "f32");
+                 node->type == NN_F64    ? "f64"
+                 : node->type == NN_BF16 ? "bf16"
+                                         : "f32");
         fprintf(out, "%6d  %-40s %-14s %-22s %-14s %10.2f %9.3f %9.3f\n", v, node->scope, node->op->name, shape,
                 node->kernel_name != NULL ? node->kernel_name : "", node->flops / 1e6, node->seconds[0] * 1e3,
                 node->seconds[1] * 1e3);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* sample.h: bilinear reading of a picture anywhere, for warp.c and deform.c: corners outside the picture count as 0. */
+/* sample.h: bilinear reading of a picture anywhere, for warp.c: corners outside the picture count as 0. */
 #ifndef NN_SAMPLE_H
 #define NN_SAMPLE_H
 
@@ -8,7 +8,7 @@
 /* The corners around (y, x), in the order of y, x: 00, 01, 10, 11; those outside are left out. */
 typedef struct nn_corners {
     int count;
-    size_t pixel[4]; /* y w + x */
+    size_t pixel[4];                /* y w + x */
     double weight[4], dy[4], dx[4]; /* and its derivatives */
 } nn_corners;
 

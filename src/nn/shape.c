@@ -28,7 +28,8 @@ static void moves_backward(nn_call *call) {
     }
 }
 
-#define MOVES_OP(text) {.name = text, .forward = moves_forward, .backward = moves_backward}
+#define MOVES_OP(text)                                                                                                 \
+    { .name = text, .forward = moves_forward, .backward = moves_backward }
 static const nn_op flip_op = MOVES_OP("flip"), roll_op = MOVES_OP("roll"), permute_op = MOVES_OP("permute"),
                    shuffle_op = MOVES_OP("pixel_shuffle"), unshuffle_op = MOVES_OP("pixel_unshuffle");
 

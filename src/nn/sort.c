@@ -22,7 +22,10 @@ enum { BITS = 11, DIGITS = 1 << BITS };
 
 /* Unsigned numbers in the order of the doubles. */
 static uint64_t key_of(double x) {
-    union { double d; uint64_t u; } v = {x == 0 ? 0 : x}; /* -0 is 0 */
+    union {
+        double d;
+        uint64_t u;
+    } v = {x == 0 ? 0 : x}; /* -0 is 0 */
     if (x != x) {
         return UINT64_MAX;
     }
@@ -30,7 +33,10 @@ static uint64_t key_of(double x) {
 }
 
 static double number_of(uint64_t key) {
-    union { uint64_t u; double d; } v = {key >> 63 != 0 ? key & ~((uint64_t)1 << 63) : ~key};
+    union {
+        uint64_t u;
+        double d;
+    } v = {key >> 63 != 0 ? key & ~((uint64_t)1 << 63) : ~key};
     return v.d;
 }
 

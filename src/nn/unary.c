@@ -60,10 +60,10 @@ static double flops(const nn_call *call) {
     return (double)nn_count(call->out.shape);
 }
 
-#define UNARY_OP(text, what)                                                                                          \
-    {                                                                                                                 \
-        .name = text, .keeps = what, .in_place = true, .grad_in_place = 1, .forward = forward, .backward = backward,  \
-        .flops = flops                                                                                                \
+#define UNARY_OP(text, what)                                                                                           \
+    {                                                                                                                  \
+        .name = text, .keeps = what, .in_place = true, .grad_in_place = 1, .forward = forward, .backward = backward,   \
+        .flops = flops                                                                                                 \
     }
 
 static const nn_op ops[] = {
@@ -177,6 +177,6 @@ nn_value nn_cast(nn_graph *g, nn_value x, nn_type type) {
     if (!nn_usable(g, x) || nn_type_of(g, x) == type) {
         return nn_usable(g, x) ? x : 0;
     }
-    return nn_node_add(g, &(nn_node_params){
-                              .op = &cast_op, .inputs = 1, .in = &x, .shape = nn_shape_of(g, x), .type = type});
+    return nn_node_add(
+        g, &(nn_node_params){.op = &cast_op, .inputs = 1, .in = &x, .shape = nn_shape_of(g, x), .type = type});
 }

@@ -24,15 +24,16 @@ typedef struct warp_job {
     nn_border border;
     const nn_rows *rows;
     nn_view flow, x, g;
-    size_t channels; /* of a block, in backward */
+    size_t channels;     /* of a block, in backward */
     unsigned char *sums; /* T */
 } warp_job;
 
-enum { BLOCK = 16 };
+enum { BLOCK = 32 /* channels */ };
 
 static nn_corners corners_at(const warp_job *job, size_t pixel, bool *moves_x, bool *moves_y) {
     double f[2];
-    nn_load_double(job->flow.type, (const unsigned char *)job->flow.data + 2 * pixel * nn_type_size(job->flow.type), f, 2);
+    nn_load_double(job->flow.type, (const unsigned char *)job->flow.data + 2 * pixel * nn_type_size(job->flow.type), f,
+                   2);
     const size_t w = (size_t)job->s.w, h = (size_t)job->s.h;
     double x = (double)(pixel % w) + f[0], y = (double)(pixel / w % h) + f[1];
     *moves_x = *moves_y = true;
@@ -89,7 +90,8 @@ static void flow_pixels(void *arg, size_t begin, size_t end, int worker) {
         const unsigned char *from = (const unsigned char *)job->x.data + i / picture * picture * bytes;
         double sum[2] = {0, 0};
         for (int j = 0; j < k.count; j++) {
-            const double dot = job->rows->dot((const unsigned char *)job->g.data + i * bytes, from + k.pixel[j] * bytes, c);
+            const double dot =
+                job->rows->dot((const unsigned char *)job->g.data + i * bytes, from + k.pixel[j] * bytes, c);
             sum[0] += k.dx[j] * dot;
             sum[1] += k.dy[j] * dot;
         }

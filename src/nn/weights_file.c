@@ -12,7 +12,10 @@
 /* IEEE 754 binary16. Subnormals: the ten bits are a multiple of 2^-24. */
 static float from_f16(uint16_t h) {
     const uint32_t sign = (uint32_t)(h & 0x8000u) << 16, exponent = h >> 10 & 31u, fraction = h & 0x3ffu;
-    union { uint32_t u; float f; } x;
+    union {
+        uint32_t u;
+        float f;
+    } x;
     if (exponent == 0) {
         x.f = (float)fraction * 0x1p-24f;
         x.u |= sign;
@@ -24,7 +27,10 @@ static float from_f16(uint16_t h) {
 
 /* To nearest, ties to even; too large becomes infinite. */
 static uint16_t to_f16(float f) {
-    union { float f; uint32_t u; } x = {f};
+    union {
+        float f;
+        uint32_t u;
+    } x = {f};
     const uint16_t sign = (uint16_t)(x.u >> 16 & 0x8000u);
     x.u &= 0x7fffffffu;
     if (x.u > 0x7f800000u) {
@@ -106,13 +112,13 @@ static brace_status check(const nn_weights *weights, const core_safetensors *fil
             continue;
         }
         if (t == NULL || !is_real(t->dtype)) {
-            return core_fail(error, BRACE_ERROR_MISMATCH, "%s: has no weights '%s'; it belongs to another network", path,
-                             p->name);
+            return core_fail(error, BRACE_ERROR_MISMATCH, "%s: has no weights '%s'; it belongs to another network",
+                             path, p->name);
         }
         if (!shape_of(t, shape) || !nn_same_shape(t->rank, shape, p->rank, p->shape)) {
             return core_fail(error, BRACE_ERROR_MISMATCH,
-                             "%s: the weights '%s' are %s, but the network's are %s; they belong to another network", path,
-                             p->name, nn_shape_text(a, sizeof a, t->rank <= 4 ? t->rank : 0, shape),
+                             "%s: the weights '%s' are %s, but the network's are %s; they belong to another network",
+                             path, p->name, nn_shape_text(a, sizeof a, t->rank <= 4 ? t->rank : 0, shape),
                              nn_shape_text(b, sizeof b, p->rank, p->shape));
         }
     }

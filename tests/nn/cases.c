@@ -75,7 +75,8 @@ CASE(roll_c) { return nn_roll(g, x[0], NN_AXIS_C, -1); }
 CASE(permute) { return nn_permute(g, x[0], (const nn_axis[]){NN_AXIS_C, NN_AXIS_N, NN_AXIS_W, NN_AXIS_H}); }
 CASE(reshape) { return nn_reshape(g, x[0], (nn_shape){5, 1, 6, 4}); }
 CASE(reshape_used_twice) {
-    return nn_add(g, nn_reshape(g, x[0], (nn_shape){1, 1, 24, 5}), nn_reshape(g, nn_activate(g, x[0], NN_TANH), (nn_shape){1, 1, 24, 5}));
+    const nn_shape flat = {1, 1, 24, 5};
+    return nn_add(g, nn_reshape(g, x[0], flat), nn_reshape(g, nn_activate(g, x[0], NN_TANH), flat));
 }
 CASE(pad_zero) { return nn_pad(g, x[0], 1, 2, 0, 3, NN_ZERO); }
 CASE(pad_reflect) { return nn_pad(g, x[0], 2, 1, 3, 2, NN_REFLECT); }
@@ -146,6 +147,58 @@ CASE(matmul_turned) { return nn_matmul(g, x[0], x[1], true, 2); }
 CASE(parameter) {
     const nn_value p = nn_param(g, "scale", (nn_shape){1, 1, 1, 5}, 3, (const int[]){5, 1, 1}, NN_INIT_UNIFORM_FAN_IN);
     return nn_mul(g, x[0], p);
+}
+
+/* Two frames; the second is aligned to the first by warp and deformable convolution; attention; upsampling. As
+ * `network` in make_vectors.py. */
+static nn_value conv_named(nn_graph *g, nn_value x, const char *name, int out, nn_activation act, nn_value residual,
+                           bool f32_result) {
+    return nn_conv2d(g, x, &(nn_conv){.name = name,
+                                      .out = out,
+                                      .kernel = 3,
+                                      .pad = 1,
+                                      .activation = act,
+                                      .residual = residual,
+                                      .f32_result = f32_result && nn_graph_type(g) == NN_BF16,
+                                      .init = NN_INIT_UNIFORM_FAN_IN});
+}
+CASE(network) {
+    nn_value f = conv_named(g, x[0], "conv1", 8, NN_LEAKY_RELU, 0, false);
+    nn_push(g, "block");
+    nn_recompute_begin(g);
+    f = conv_named(g, conv_named(g, f, "conv1", 8, NN_RELU, 0, false), "conv2", 8, NN_LINEAR, f, false);
+    nn_recompute_end(g);
+    nn_pop(g);
+    const nn_value base = nn_slice(g, f, NN_AXIS_N, 0, 1, 1), other = nn_slice(g, f, NN_AXIS_N, 1, 2, 1);
+    nn_value parts[2] = {base, nn_warp(g, other, x[1], NN_ZERO)};
+    const nn_value o = conv_named(g, nn_concat(g, NN_AXIS_C, 2, parts), "offset", 54, NN_LINEAR, 0, true);
+    const nn_value flow = nn_repeat(g, nn_flip(g, x[1], NN_AXIS_C), NN_AXIS_C, 18);
+    const nn_value offset =
+        nn_add(g, nn_affine(g, nn_activate(g, nn_slice(g, o, NN_AXIS_C, 0, 36, 1), NN_TANH), 2, 0), flow);
+    const nn_value mask = nn_activate(g, nn_slice(g, o, NN_AXIS_C, 36, 54, 1), NN_SIGMOID);
+    parts[1] = nn_deform_conv2d(g, other, offset, mask,
+                                &(nn_deform){.name = "dcn",
+                                             .out = 8,
+                                             .pad = 1,
+                                             .dilation = 1,
+                                             .offset_groups = 2,
+                                             .weight_groups = 2,
+                                             .init = NN_INIT_UNIFORM_FAN_IN});
+    const nn_value both = nn_concat(g, NN_AXIS_N, 2, parts);
+    nn_push(g, "attention");
+    const nn_value tokens =
+        nn_reshape(g, nn_mean(g, nn_average_pool(g, both, 2, 2), false, true, true, false), (nn_shape){1, 1, 2, 8});
+    const nn_value q = nn_linear(g, tokens, "q", 8, true, NN_INIT_UNIFORM_FAN_IN),
+                   k = nn_linear(g, tokens, "k", 8, true, NN_INIT_UNIFORM_FAN_IN),
+                   v = nn_linear(g, tokens, "v", 8, true, NN_INIT_UNIFORM_FAN_IN);
+    const nn_value a = nn_matmul(g, nn_softmax(g, nn_matmul(g, q, k, true, 1 / sqrt(8))), v, false, 1);
+    nn_pop(g);
+    const nn_value weight = nn_activate(g, nn_reshape(g, a, (nn_shape){2, 1, 1, 8}), NN_SIGMOID);
+    const nn_value fused = nn_mean(g, nn_mul(g, both, weight), true, false, false, false);
+    nn_value up = nn_pixel_shuffle(g, conv_named(g, fused, "tail", 8, NN_LINEAR, 0, false), 2);
+    const nn_value first = nn_slice(g, nn_slice(g, x[0], NN_AXIS_N, 0, 1, 1), NN_AXIS_C, 0, 2, 1);
+    up = nn_add(g, up, nn_resize(g, first, 12, 16, false));
+    return nn_affine(g, nn_log(g, nn_affine(g, nn_clamp(g, up, 0, 2), 50, 1)), 1 / log(51), 0);
 }
 
 #define X {2, 3, 4, 5}
@@ -238,5 +291,6 @@ const op_case op_cases[] = {
     {"matmul", {X, {2, 3, 5, 2}}, -1, 1, matmul},
     {"matmul_turned", {X, {2, 3, 2, 5}}, -1, 1, matmul_turned},
     {"param", {X}, -1, 1, parameter},
+    {"network", {{2, 6, 8, 4}, {1, 6, 8, 2}}, 0, 1.3, network},
 };
 const size_t op_case_count = sizeof op_cases / sizeof op_cases[0];

@@ -87,7 +87,7 @@ static void test_case(const op_case *c) {
     }
     for (size_t k = 0; k < nn_weights_count(b.weights); k++) {
         nn_parameter *p = nn_weights_at(b.weights, k);
-        for (size_t i = 0; i < p->count; i++) {
+        for (size_t i = 0; i < p->count; i += 1 + p->count / 100) {
             check(&b, c, p->name, &p->value64[i], p->grad64[i], i);
         }
     }
