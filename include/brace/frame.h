@@ -105,6 +105,7 @@ typedef struct brace_dng_params {
      * the frame is stored (not turned); NULL: the frame is developed for it. */
     const brace_image *preview;
     bool no_preview;
+    bool no_sync; /* the caller sees to it that the file reaches the disk: many are written, then synced at once */
     const char *software; /* EXIF Software; NULL: "BRACE <version>" */
     uint32_t reserved[8];
 } brace_dng_params;

@@ -51,7 +51,7 @@ static brace_status write_sample(const char *folder, const sim_capture *capture,
     brace_status status = dataset_begin(&temporary, folder, error);
     if (status != BRACE_OK)
         return status;
-    status = sim_capture_write(capture, temporary, NULL, job, error);
+    status = sim_capture_write(capture, temporary, &(brace_dng_params){.no_sync = true}, job, error);
     if (status == BRACE_OK)
         status = dataset_hashes(&files, temporary, error);
     if (status == BRACE_OK) {

@@ -105,6 +105,10 @@ brace_status core_file_create(core_file **out, const char *path, brace_error *er
 FILE *core_file_stream(core_file *file); /* readable, writable, seekable */
 const char *core_file_temporary(const core_file *file); /* name for libraries that open files themselves */
 brace_status core_file_commit(core_file *file, brace_error *error); /* frees `file` in either case */
+/* The same without waiting for the disk, which is asked to begin: a caller who writes many files syncs them at the
+ * end, with core_folder_sync, before it gives their folder its name. */
+brace_status core_file_commit_unsynced(core_file *file, brace_error *error);
+brace_status core_folder_sync(const char *path, brace_error *error); /* the files in a folder, and the folder */
 void core_file_abort(core_file *file);                               /* frees `file`; NULL is allowed */
 void core_files_abort_all(void); /* async-signal-safe */
 

@@ -7,6 +7,7 @@
  * devices cannot be renamed onto: for them the result is gathered in memory and
  * sent on commit, which also lets formats that seek (TIFF) go into a pipe.
  */
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
@@ -372,7 +373,7 @@ static int sync_folder(const char *target) {
     return code == EINVAL || code == ENOTSUP || code == EROFS ? 0 : code; /* file systems that cannot sync folders */
 }
 
-brace_status core_file_commit(core_file *file, brace_error *error) {
+static brace_status commit(core_file *file, bool sync, brace_error *error) {
     brace_status status = BRACE_OK;
     int code = 0;
     errno = 0;
@@ -384,7 +385,11 @@ brace_status core_file_commit(core_file *file, brace_error *error) {
     if (code == 0 && file->slot == NULL) {
         code = send_special(file);
     } else if (code == 0) {
-        if (fsync(fileno(file->stream)) != 0 && errno != EINVAL && errno != ENOTSUP) {
+        if (!sync) {
+#ifdef SYNC_FILE_RANGE_WRITE
+            (void)sync_file_range(fileno(file->stream), 0, 0, SYNC_FILE_RANGE_WRITE); /* only a hint */
+#endif
+        } else if (fsync(fileno(file->stream)) != 0 && errno != EINVAL && errno != ENOTSUP) {
             code = errno;
         }
         int closed = fclose(file->stream);
@@ -398,7 +403,7 @@ brace_status core_file_commit(core_file *file, brace_error *error) {
         if (code == 0) {
             slot_release(file->slot);
             file->slot = NULL;
-            code = sync_folder(file->target);
+            code = sync ? sync_folder(file->target) : 0;
         }
     }
     if (code != 0) {
@@ -406,6 +411,36 @@ brace_status core_file_commit(core_file *file, brace_error *error) {
     }
     file_free(file);
     return status;
+}
+
+brace_status core_file_commit(core_file *file, brace_error *error) {
+    return commit(file, true, error);
+}
+
+brace_status core_file_commit_unsynced(core_file *file, brace_error *error) {
+    return commit(file, false, error);
+}
+
+brace_status core_folder_sync(const char *path, brace_error *error) {
+    int code = 0;
+    DIR *dir = opendir(path);
+    if (dir == NULL) {
+        return fail_io(error, path, "open", errno);
+    }
+    for (struct dirent *entry; code == 0 && (entry = readdir(dir)) != NULL;) {
+        int fd = entry->d_name[0] == '.' ? -1 : openat(dirfd(dir), entry->d_name, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+        if (fd >= 0) {
+            if (fsync(fd) != 0 && errno != EINVAL && errno != ENOTSUP) {
+                code = errno;
+            }
+            close(fd);
+        }
+    }
+    if (code == 0 && fsync(dirfd(dir)) != 0 && errno != EINVAL && errno != ENOTSUP && errno != EROFS) {
+        code = errno;
+    }
+    closedir(dir);
+    return code == 0 ? BRACE_OK : fail_io(error, path, "write", code);
 }
 
 /* ---- reading ---- */

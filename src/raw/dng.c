@@ -230,5 +230,5 @@ brace_status brace_frame_write_dng(const brace_frame *frame, const char *path, c
         core_file_abort(file);
         return status;
     }
-    return core_file_commit(file, error);
+    return params != NULL && params->no_sync ? core_file_commit_unsynced(file, error) : core_file_commit(file, error);
 }

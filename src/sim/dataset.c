@@ -332,16 +332,12 @@ brace_status dataset_begin(char **temporary, const char *final, brace_error *err
     return status;
 }
 
-static void sync_folder(const char *path) {
-    int fd = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (fd >= 0) {
-        fsync(fd);
-        close(fd);
-    }
-}
-
 brace_status dataset_finish(const char *temporary, const char *final, brace_error *error) {
-    sync_folder(temporary);
+    brace_status status = core_folder_sync(temporary, error);
+    if (status != BRACE_OK) {
+        dataset_discard(temporary);
+        return status;
+    }
     if (rename(temporary, final) != 0) {
         int code = errno;
         dataset_discard(temporary);

@@ -55,7 +55,7 @@ brace_status dataset_render(void *user, const dataset_task *task, const char *fo
         status = sim_capture_create(&capture, screen, display, &camera, &scene, job, error);
     }
     if (status == BRACE_OK) {
-        status = sim_capture_write(&capture, folder, &(brace_dng_params){.no_preview = true}, job, error);
+        status = sim_capture_write(&capture, folder, &(brace_dng_params){.no_preview = true, .no_sync = true}, job, error);
         *meta = json_deep_copy(capture.meta);
         if (status == BRACE_OK && *meta == NULL) {
             status = core_fail_memory(error, 4096, "metadata");
