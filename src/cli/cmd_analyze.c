@@ -126,7 +126,7 @@ static void print_all(const brace_banding *b, const cli_paths *paths) {
         printf("%-*s  %10s  %4.0f %%", width, cli_basename(paths->items[i]),
                cli_exposure_text(time, sizeof time, f->exposure_time), 100 * f->confidence);
         if (f->confidence >= 0.5 && f->period > 0)
-            printf("  %6.4g px  %4.0f deg  %8.1f %%", f->period, f->orientation, 100 * f->contrast);
+            printf("  %6.4g px  %4.0f deg  %8.1f %%", f->period, fmod(round(f->orientation), 180), 100 * f->contrast);
         else
             printf("  %9s  %8s  %10s", "-", "-", "-");
         printf("  %6.3f%s\n", f->fabp.rho, f->told < 0.4 ? "  (too little of it tells)" : "");
