@@ -3,7 +3,7 @@
  * cmd_metrics.c: brace metrics: how far pictures are from the truth, one row a
  * picture, with mean and deviation.
  */
-#include "cli/metrics_table.h"
+#include "cli/report.h"
 
 #include <errno.h>
 #include <math.h>
@@ -17,9 +17,9 @@ static const char command[] = "metrics";
 
 typedef struct arguments {
     cli_list operands, bracket;
-    const char *metrics, *weights, *csv;
+    const char *metrics, *weights, *csv, *html;
     bool json, quiet;
-    int threads;
+    int threads, html_side;
     bool wanted[METRICS];
     bool chosen; /* by --metrics, and not the default */
 } arguments;
@@ -86,6 +86,14 @@ static int parse(arguments *a, int argc, char **argv) {
          &a->weights, 0, 0},
         {CLI_HEADING, 0, NULL, NULL, "Output", NULL, 0, 0},
         {CLI_TEXT, 0, "csv", "FILE", "write the table as comma-separated values", &a->csv, 0, 0},
+        {CLI_TEXT, 0, "html", "FILE",
+         "write a report to look at in a browser: the table, and\n"
+         "the pictures to compare. One file that needs no other",
+         &a->html, 0, 0},
+        {CLI_INT, 0, "html-side", "N",
+         "longest side of its pictures, 64 to 8192 pixels; default\n"
+         "2048, less for many pairs, to keep the file small",
+         &a->html_side, 64, 8192},
         {CLI_FLAG, 0, "json", NULL, "print a JSON object on stdout instead of the table", &a->json, 0, 0},
         {CLI_HEADING, 0, NULL, NULL, "General", NULL, 0, 0},
         {CLI_INT, 't', "threads", "N", "1 to 256, default: one for each CPU", &a->threads, 1, 256},
@@ -105,7 +113,7 @@ static int parse(arguments *a, int argc, char **argv) {
         "Examples:\n"
         "  brace metrics restored.png truth.png\n"
         "  brace metrics restored.dng gt.dng --bracket frame_*.dng\n"
-        "  brace metrics results/ truth/ --bracket brackets/ --csv scores.csv\n"
+        "  brace metrics results/ truth/ --bracket brackets/ --csv scores.csv --html scores.html\n"
         "  brace metrics a.png b.png --metrics lpips,dists --weights ~/weights\n",
     };
     int code = cli_parse(&usage, argc, argv, &a->operands);
@@ -133,8 +141,7 @@ static brace_status develop(brace_image **out, const brace_frame *frame, const b
     return brace_develop(out, frame, &params, job, error);
 }
 
-/* Both pictures; two RAW files with the same colours. */
-static brace_status read_pair(brace_image *picture[2], const cli_pair *pair, const brace_job *job, brace_error *error) {
+brace_status metrics_read_pair(brace_image *picture[2], const cli_pair *pair, const brace_job *job, brace_error *error) {
     const char *const path[2] = {pair->pred, pair->gt};
     brace_frame *frame[2] = {NULL, NULL};
     brace_status status = BRACE_OK;
@@ -268,7 +275,7 @@ static bool one_pair(state *s, size_t index, bool folders) {
     brace_error error = {0};
     brace_image *picture[2];
     double direction = NAN;
-    brace_status status = read_pair(picture, pair, job, &error);
+    brace_status status = metrics_read_pair(picture, pair, job, &error);
     bool good = go_on(s, pair->name, "", status, &error);
     if (status == BRACE_OK && s->table.wanted[SFC]) {
         cli_paths files = {0};
@@ -333,6 +340,18 @@ static int show(state *s) {
     if (s->a->csv != NULL && metrics_table_csv(&s->table, s->a->csv, &error) != BRACE_OK) {
         cli_error(command, "%s", error.message);
         code = CLI_FAILED;
+    }
+    if (s->a->html != NULL) {
+        brace_status status = report_metrics(&s->table, s->a->html, s->a->html_side, &s->report, &s->job, &error);
+        cli_report_flush(&s->report);
+        if (status == BRACE_ERROR_CANCELLED) {
+            cli_error(command, "stopped");
+            return cli_signals_exit();
+        }
+        if (status != BRACE_OK) {
+            cli_error(command, "%s", error.message);
+            code = CLI_FAILED;
+        }
     }
     if (s->a->json) {
         return cli_json_print(metrics_table_json(&s->table, &s->report), command) ? code : CLI_FAILED;
