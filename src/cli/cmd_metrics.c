@@ -120,6 +120,9 @@ static int parse(arguments *a, int argc, char **argv) {
     if (code < 0 && a->operands.count < 2) {
         code = cli_wrong_usage(command, "which pictures? brace metrics PRED GT");
     }
+    if (code < 0 && a->html == NULL && a->html_side > 0) {
+        code = cli_wrong_usage(command, "--html-side is for the report: name it with --html FILE");
+    }
     if (code < 0 && a->operands.count > 2 && a->bracket.count == 0) {
         code = cli_wrong_usage(command, "two pictures are compared, or the pictures of two folders; what is %s?",
                                a->operands.items[2]);
@@ -334,6 +337,31 @@ static bool load_weights(state *s) {
 
 /* ---- all pairs ---- */
 
+/* Finds out before the work that the report can be written, and overwrites no picture. -1 to go on. */
+static int check_html(const state *s) {
+    const cli_pairs *pairs = &s->table.pairs;
+    outputs out = {0};
+    cli_paths inputs = {calloc(2 * pairs->count, sizeof *inputs.items), 2 * pairs->count};
+    if (inputs.items == NULL) {
+        cli_error(command, "out of memory");
+        return CLI_FAILED;
+    }
+    for (size_t i = 0; i < pairs->count; i++) {
+        inputs.items[2 * i] = pairs->items[i].pred;
+        inputs.items[2 * i + 1] = pairs->items[i].gt;
+    }
+    out.items[out.count++].path = s->a->html;
+    int code = outputs_use_stdout(&out)
+                   ? cli_wrong_usage(command, "the report and the numbers can't both go to standard output")
+                   : -1;
+    if (s->a->csv != NULL) {
+        out.items[out.count++].path = s->a->csv;
+    }
+    code = code < 0 ? outputs_check(&out, &inputs, command) : code;
+    free(inputs.items);
+    return code;
+}
+
 static int show(state *s) {
     brace_error error = {0};
     int code = s->failed ? CLI_FAILED : CLI_DONE;
@@ -366,6 +394,10 @@ static int run(state *s) {
     const bool folders = stat(pred, &info) == 0 && S_ISDIR(info.st_mode);
     if (!cli_pairs_find(&s->table.pairs, pred, gt, command)) {
         return CLI_FAILED;
+    }
+    int code = s->a->html != NULL ? check_html(s) : -1;
+    if (code >= 0) {
+        return code;
     }
     if (folders && s->table.wanted[SFC] && s->a->bracket.count > 1) {
         return cli_wrong_usage(command,

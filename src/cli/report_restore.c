@@ -195,7 +195,7 @@ static void write_facts(FILE *f, const restore_report *r) {
     if (r->picture[2] != NULL) {
         fputs("<div><dt>PSNR to the truth</dt><dd>", f);
         for (int k = 0; k < 2; k++) {
-            fprintf(f, "%s<span class=\"%s\">", k > 0 ? arrow : "", r->spectra.css[k]);
+            fprintf(f, "%s <span class=\"%s\">", k > 0 ? arrow : "", r->spectra.css[k]);
             fprintf(f, isinf(r->measure[0][k]) ? "\xe2\x88\x9e" : "%.1f", r->measure[0][k]);
             fputs("</span> ", f);
         }
