@@ -68,10 +68,17 @@ class Browser {
     return r.result.value;
   }
 
-  async size(width, height, { dark = false, touch = false, scale = 1 } = {}) {
-    await this.send('Emulation.setDeviceMetricsOverride', { width, height, deviceScaleFactor: scale, mobile: touch });
+  async size(width, height, look = {}) {
+    this.width = width;
+    this.look = look;
+    const { dark = false, touch = false } = look;
+    await this.metrics(height);
     await this.send('Emulation.setTouchEmulationEnabled', { enabled: touch });
     await this.send('Emulation.setEmulatedMedia', { features: [{ name: 'prefers-color-scheme', value: dark ? 'dark' : 'light' }] });
+  }
+  metrics(height) {
+    return this.send('Emulation.setDeviceMetricsOverride',
+      { width: this.width, height, deviceScaleFactor: this.look.scale ?? 1, mobile: this.look.touch ?? false });
   }
 
   async open(file) {
@@ -104,17 +111,22 @@ class Browser {
   wheel(x, y, deltaY) { return this.send('Input.dispatchMouseEvent', { type: 'mouseWheel', x, y, deltaX: 0, deltaY }); }
   touch(type, points) { return this.send('Input.dispatchTouchEvent', { type, touchPoints: points.map(([x, y], id) => ({ x, y, id })) }); }
 
-  /* PNG; of the whole page, or of a part of what is visible. */
-  async shot(file, clip) {
-    const whole = clip ? { clip: { ...clip, scale: 1 } } : { captureBeyondViewport: true };
-    const { data } = await this.send('Page.captureScreenshot', { format: 'png', ...whole });
-    if (file) fs.writeFileSync(file, Buffer.from(data, 'base64'));
+  /* PNG, of the window or a part of the page. */
+  async shot(clip) {
+    const { data } = await this.send('Page.captureScreenshot', { format: 'png', ...(clip && { clip: { ...clip, scale: 1 } }) });
     return data;
   }
+  /* The whole page into a file: the window is made as high as the page. */
+  async picture(file) {
+    await this.metrics(await this.run('document.documentElement.scrollHeight'));
+    await this.settle();
+    fs.writeFileSync(file, Buffer.from(await this.shot(), 'base64'));
+  }
 
-  /* The colour of a pixel as it is shown. The page itself decodes the screenshot: it has a canvas. */
+  /* The colour of a pixel of the window as it is shown. The page itself decodes the screenshot: it has a canvas. */
   async pixel(x, y) {
-    const data = await this.shot(null, { x: Math.round(x), y: Math.round(y), width: 1, height: 1 });
+    const top = await this.run('[scrollX, scrollY]'); /* clips are counted from the page's corner */
+    const data = await this.shot({ x: Math.round(x + top[0]), y: Math.round(y + top[1]), width: 1, height: 1 });
     return this.run(`new Promise(r => { const i = new Image(); i.onload = () => { const c = document.createElement('canvas');
       c.width = c.height = 1; const t = c.getContext('2d'); t.drawImage(i, 0, 0); r([...t.getImageData(0, 0, 1, 1).data.slice(0, 3)]); };
       i.src = 'data:image/png;base64,${data}'; })`);

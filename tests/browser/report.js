@@ -165,7 +165,7 @@ async function phone(browser, file, name, shots) {
   await browser.settle();
   s = await browser.run(state);
   check(`${name}: one finger moves the divider`, Math.abs(s.split - (50 + 8000 / s.w)) < 2, s.split);
-  if (shots) await browser.shot(path.join(shots, name + '-phone.png'));
+  if (shots) await browser.picture(path.join(shots, name + '-phone.png'));
 }
 
 async function look(browser, file, name, shots) {
@@ -174,7 +174,7 @@ async function look(browser, file, name, shots) {
     await opened(browser, file, `${name}, ${dark ? 'dark' : 'light'}`);
     const ground = (await browser.run(state)).dark.match(/\d+/g).map(Number);
     check(`${name}: the ground is ${dark ? 'dark' : 'light'}`, dark ? ground[0] < 60 : ground[0] > 200, ground);
-    if (shots) await browser.shot(path.join(shots, `${name}-${dark ? 'dark' : 'light'}.png`));
+    if (shots) await browser.picture(path.join(shots, `${name}-${dark ? 'dark' : 'light'}.png`));
   }
 }
 
