@@ -41,10 +41,10 @@ _brace()
             -m | --metrics) mapfile -t COMPREPLY < <(compgen -W 'psnr ssim ms-swd sfc lpips lpips-alex lpips-vgg
                 lpips-squeeze dists' -- "$cur"); return ;;
             -w | --weights) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -d -- "$cur"); return ;;
-            -t | --threads) return ;;
+            -t | --threads | --html-side) return ;;
         esac
         if [[ $cur == -* ]]; then
-            mapfile -t COMPREPLY < <(compgen -W '--metrics --bracket --weights --csv --json --threads --quiet --help' -- "$cur")
+            mapfile -t COMPREPLY < <(compgen -W '--metrics --bracket --weights --csv --html --html-side --json --threads --quiet --help' -- "$cur")
         else
             compopt -o filenames
             mapfile -t COMPREPLY < <(compgen -f -- "$cur")
@@ -95,15 +95,15 @@ _brace()
         -m | --method) mapfile -t COMPREPLY < <(compgen -W 'merge reference' -- "$cur"); return ;;
         -f | --format) mapfile -t COMPREPLY < <(compgen -W 'dng tif png jpg webp' -- "$cur"); return ;;
         --bits) mapfile -t COMPREPLY < <(compgen -W '8 16 32' -- "$cur"); return ;;
-        -o | --output) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -f -- "$cur"); return ;;
-        --quality | --exposure | --exposures | -t | --threads) return ;;
+        -o | --output | --report | --truth) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -f -- "$cur"); return ;;
+        --quality | --exposure | --exposures | --report-side | -t | --threads) return ;;
         -r | --reference) ;;
         *)
             if [[ $cur == -* ]]; then
                 local options='--json --quiet --threads --help'
                 if [[ $command == restore ]]; then
                     options+=' --output --format --bits --quality --exposure --reference --exposures --method'
-                    options+=' --no-align --verbose'
+                    options+=' --no-align --verbose --report --report-side --truth'
                 fi
                 [[ $command != analyze ]] || options+=' --readout --camera --plot --no-align'
                 mapfile -t COMPREPLY < <(compgen -W "$options" -- "$cur")

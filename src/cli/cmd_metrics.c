@@ -3,7 +3,7 @@
  * cmd_metrics.c: brace metrics: how far pictures are from the truth, one row a
  * picture, with mean and deviation.
  */
-#include "cli/metrics_table.h"
+#include "cli/report.h"
 
 #include <errno.h>
 #include <math.h>
@@ -17,9 +17,9 @@ static const char command[] = "metrics";
 
 typedef struct arguments {
     cli_list operands, bracket;
-    const char *metrics, *weights, *csv;
+    const char *metrics, *weights, *csv, *html;
     bool json, quiet;
-    int threads;
+    int threads, html_side;
     bool wanted[METRICS];
     bool chosen; /* by --metrics, and not the default */
 } arguments;
@@ -86,6 +86,14 @@ static int parse(arguments *a, int argc, char **argv) {
          &a->weights, 0, 0},
         {CLI_HEADING, 0, NULL, NULL, "Output", NULL, 0, 0},
         {CLI_TEXT, 0, "csv", "FILE", "write the table as comma-separated values", &a->csv, 0, 0},
+        {CLI_TEXT, 0, "html", "FILE",
+         "write a report to look at in a browser: the table, and\n"
+         "the pictures to compare. One file that needs no other",
+         &a->html, 0, 0},
+        {CLI_INT, 0, "html-side", "N",
+         "longest side of its pictures, 64 to 8192 pixels; default\n"
+         "2048, less for many pairs, to keep the file small",
+         &a->html_side, 64, 8192},
         {CLI_FLAG, 0, "json", NULL, "print a JSON object on stdout instead of the table", &a->json, 0, 0},
         {CLI_HEADING, 0, NULL, NULL, "General", NULL, 0, 0},
         {CLI_INT, 't', "threads", "N", "1 to 256, default: one for each CPU", &a->threads, 1, 256},
@@ -105,12 +113,15 @@ static int parse(arguments *a, int argc, char **argv) {
         "Examples:\n"
         "  brace metrics restored.png truth.png\n"
         "  brace metrics restored.dng gt.dng --bracket frame_*.dng\n"
-        "  brace metrics results/ truth/ --bracket brackets/ --csv scores.csv\n"
+        "  brace metrics results/ truth/ --bracket brackets/ --csv scores.csv --html scores.html\n"
         "  brace metrics a.png b.png --metrics lpips,dists --weights ~/weights\n",
     };
     int code = cli_parse(&usage, argc, argv, &a->operands);
     if (code < 0 && a->operands.count < 2) {
         code = cli_wrong_usage(command, "which pictures? brace metrics PRED GT");
+    }
+    if (code < 0 && a->html == NULL && a->html_side > 0) {
+        code = cli_wrong_usage(command, "--html-side is for the report: name it with --html FILE");
     }
     if (code < 0 && a->operands.count > 2 && a->bracket.count == 0) {
         code = cli_wrong_usage(command, "two pictures are compared, or the pictures of two folders; what is %s?",
@@ -133,8 +144,7 @@ static brace_status develop(brace_image **out, const brace_frame *frame, const b
     return brace_develop(out, frame, &params, job, error);
 }
 
-/* Both pictures; two RAW files with the same colours. */
-static brace_status read_pair(brace_image *picture[2], const cli_pair *pair, const brace_job *job, brace_error *error) {
+brace_status metrics_read_pair(brace_image *picture[2], const cli_pair *pair, const brace_job *job, brace_error *error) {
     const char *const path[2] = {pair->pred, pair->gt};
     brace_frame *frame[2] = {NULL, NULL};
     brace_status status = BRACE_OK;
@@ -268,7 +278,7 @@ static bool one_pair(state *s, size_t index, bool folders) {
     brace_error error = {0};
     brace_image *picture[2];
     double direction = NAN;
-    brace_status status = read_pair(picture, pair, job, &error);
+    brace_status status = metrics_read_pair(picture, pair, job, &error);
     bool good = go_on(s, pair->name, "", status, &error);
     if (status == BRACE_OK && s->table.wanted[SFC]) {
         cli_paths files = {0};
@@ -327,12 +337,49 @@ static bool load_weights(state *s) {
 
 /* ---- all pairs ---- */
 
+/* Finds out before the work that the report can be written, and overwrites no picture. -1 to go on. */
+static int check_html(const state *s) {
+    const cli_pairs *pairs = &s->table.pairs;
+    outputs out = {0};
+    cli_paths inputs = {calloc(2 * pairs->count, sizeof *inputs.items), 2 * pairs->count};
+    if (inputs.items == NULL) {
+        cli_error(command, "out of memory");
+        return CLI_FAILED;
+    }
+    for (size_t i = 0; i < pairs->count; i++) {
+        inputs.items[2 * i] = pairs->items[i].pred;
+        inputs.items[2 * i + 1] = pairs->items[i].gt;
+    }
+    out.items[out.count++].path = s->a->html;
+    int code = outputs_use_stdout(&out)
+                   ? cli_wrong_usage(command, "the report and the numbers can't both go to standard output")
+                   : -1;
+    if (s->a->csv != NULL) {
+        out.items[out.count++].path = s->a->csv;
+    }
+    code = code < 0 ? outputs_check(&out, &inputs, command) : code;
+    free(inputs.items);
+    return code;
+}
+
 static int show(state *s) {
     brace_error error = {0};
     int code = s->failed ? CLI_FAILED : CLI_DONE;
     if (s->a->csv != NULL && metrics_table_csv(&s->table, s->a->csv, &error) != BRACE_OK) {
         cli_error(command, "%s", error.message);
         code = CLI_FAILED;
+    }
+    if (s->a->html != NULL) {
+        brace_status status = report_metrics(&s->table, s->a->html, s->a->html_side, &s->report, &s->job, &error);
+        cli_report_flush(&s->report);
+        if (status == BRACE_ERROR_CANCELLED) {
+            cli_error(command, "stopped");
+            return cli_signals_exit();
+        }
+        if (status != BRACE_OK) {
+            cli_error(command, "%s", error.message);
+            code = CLI_FAILED;
+        }
     }
     if (s->a->json) {
         return cli_json_print(metrics_table_json(&s->table, &s->report), command) ? code : CLI_FAILED;
@@ -347,6 +394,10 @@ static int run(state *s) {
     const bool folders = stat(pred, &info) == 0 && S_ISDIR(info.st_mode);
     if (!cli_pairs_find(&s->table.pairs, pred, gt, command)) {
         return CLI_FAILED;
+    }
+    int code = s->a->html != NULL ? check_html(s) : -1;
+    if (code >= 0) {
+        return code;
     }
     if (folders && s->table.wanted[SFC] && s->a->bracket.count > 1) {
         return cli_wrong_usage(command,

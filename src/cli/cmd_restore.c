@@ -3,7 +3,7 @@
  * cmd_restore.c: brace restore: a bracket in, pictures without banding out,
  * and a short account of what was done.
  */
-#include "cli/outputs.h"
+#include "cli/report.h"
 
 #include <ctype.h>
 #include <math.h>
@@ -16,9 +16,9 @@ static const char command[] = "restore";
 
 typedef struct arguments {
     cli_list frames, outputs;
-    const char *method, *reference, *exposures, *format;
+    const char *method, *reference, *exposures, *format, *page, *truth;
     bool no_align, json, quiet, verbose;
-    int threads, quality, bits;
+    int threads, quality, bits, page_side;
     double exposure;
 } arguments;
 
@@ -43,6 +43,17 @@ static int parse(arguments *a, int argc, char **argv) {
          "highlights that only short frames hold come back. DNGs\n"
          "stay as they are",
          &a->exposure, -10, 10},
+        {CLI_HEADING, 0, NULL, NULL, "Report", NULL, 0, 0},
+        {CLI_TEXT, 0, "report", "FILE",
+         "write a report to look at in a browser: before and after,\n"
+         "the frames, the banding, the spectra. One .html file that\n"
+         "needs no other; -o may then be left out",
+         &a->page, 0, 0},
+        {CLI_INT, 0, "report-side", "N", "longest side of its pictures, 64 to 8192; default 2048", &a->page_side, 64, 8192},
+        {CLI_TEXT, 0, "truth", "FILE",
+         "the true picture, RAW or not, of the frames' size: the\n"
+         "report then measures PSNR, SSIM, MS-SWD and SFC",
+         &a->truth, 0, 0},
         {CLI_HEADING, 0, NULL, NULL, "Bracket", NULL, 0, 0},
         {CLI_TEXT, 'r', "reference", "FRAME",
          "the frame to restore: its name, or its number as given,\n"
@@ -75,7 +86,7 @@ static int parse(arguments *a, int argc, char **argv) {
         options,
         "Examples:\n"
         "  brace restore frame_*.dng -o restored.dng -o restored.jpg\n"
-        "  brace restore bracket/ -o restored.tif --bits 16\n"
+        "  brace restore bracket/ -o restored.tif --bits 16 --report report.html\n"
         "  brace restore a.dng b.dng c.dng --exposures 1/800,1/200,1/50 -o out.png\n",
     };
     int code = cli_parse(&usage, argc, argv, &a->frames);
@@ -84,6 +95,13 @@ static int parse(arguments *a, int argc, char **argv) {
     }
     if (code < 0 && a->bits != 0 && a->bits != 8 && a->bits != 16 && a->bits != 32) {
         code = cli_wrong_usage(command, "--bits is 8, 16 or 32, not %d", a->bits);
+    }
+    if (code < 0 && a->page == NULL && (a->truth != NULL || a->page_side > 0)) {
+        code = cli_wrong_usage(command, "%s is for the report: name it with --report FILE",
+                               a->truth != NULL ? "--truth" : "--report-side");
+    }
+    if (code < 0 && a->truth != NULL && a->exposure * a->exposure > 0) {
+        code = cli_wrong_usage(command, "--truth is compared at the exposure as shot: leave out --exposure");
     }
     return code;
 }
@@ -166,7 +184,7 @@ static int parse_exposures(const char *text, const cli_paths *frames, double *ou
 /* ---- the account ---- */
 
 typedef struct timing {
-    double read, total;
+    double read, total, report; /* `total` without the report */
 } timing;
 
 static void print_table(const brace_bracket *b, const brace_restored *r) {
@@ -215,6 +233,9 @@ static void print_summary(const arguments *a, const brace_bracket *b, const brac
     for (size_t i = 0; i < out->count; i++) {
         fprintf(stderr, "  wrote %s\n", out->items[i].path);
     }
+    if (a->page != NULL) {
+        fprintf(stderr, "  wrote %s\n", a->page);
+    }
 }
 
 static json_t *frame_json(const brace_bracket *b, const brace_restored *r, size_t i) {
@@ -230,7 +251,7 @@ static json_t *frame_json(const brace_bracket *b, const brace_restored *r, size_
         "weight", cli_json_number(r->report.weight[i]), "banding", cli_json_number(r->report.banding[i]));
 }
 
-static json_t *report_json(const brace_bracket *b, const brace_restored *r, const outputs *out, const timing *t,
+static json_t *report_json(const arguments *a, const brace_bracket *b, const brace_restored *r, const outputs *out, const timing *t,
                            const cli_report *report) {
     json_t *inputs = json_array(), *written = json_array(), *notes = json_array();
     for (size_t i = 0; i < b->count; i++) {
@@ -240,16 +261,19 @@ static json_t *report_json(const brace_bracket *b, const brace_restored *r, cons
         json_array_append_new(written, json_pack("{s:o, s:s}", "path", cli_json_text(out->items[i].path), "format",
                                                  output_format_name(out->items[i].format)));
     }
+    if (a->page != NULL) {
+        json_array_append_new(written, json_pack("{s:o, s:s}", "path", cli_json_text(a->page), "format", "HTML"));
+    }
     for (size_t i = 0; i < report->note_count; i++) {
         json_array_append_new(notes, cli_json_text(report->notes[i]));
     }
-    return json_pack("{s:s, s:s, s:o, s:i, s:o, s:o, s:o, s:o, s:{s:f, s:f, s:f, s:f, s:f, s:f, s:f}}", "version",
+    return json_pack("{s:s, s:s, s:o, s:i, s:o, s:o, s:o, s:o, s:{s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}}", "version",
                      brace_version(), "method", brace_method_name(r->report.method), "reference",
                      cli_json_text(b->frames[b->reference]->path), "reference_index", (int)b->reference, "inputs",
                      inputs, "outputs", written, "notes", notes, "clipped", cli_json_number(r->report.clipped),
                      "seconds", "read", t->read, "align", r->report.seconds_align, "light", r->report.seconds_light,
                      "fuse", r->report.seconds_fuse, "develop", out->seconds_develop, "write", out->seconds_write,
-                     "total", t->total);
+                     "total", t->total, "report", t->report);
 }
 
 /* ---- the work ---- */
@@ -284,7 +308,7 @@ static int work(const arguments *a, const cli_paths *frames, const brace_bracket
     brace_error error = {0};
     brace_bracket *bracket = NULL;
     brace_restored *restored = NULL;
-    timing t = {0, 0};
+    timing t = {0, 0, 0};
     int code = CLI_DONE;
 
     cli_report_begin(&report, &job, command, a->quiet, a->threads);
@@ -301,6 +325,14 @@ static int work(const arguments *a, const cli_paths *frames, const brace_bracket
         status = outputs_write(out, restored, &job, &error);
     }
     t.total = core_seconds() - start;
+    if (status == BRACE_OK && a->page != NULL) {
+        const report_restore_params page = {.path = a->page, .truth = a->truth, .side = a->page_side, .bracket = bracket,
+                                            .restored = restored, .out = out, .seconds = t.total,
+                                            .notes = report.notes, .note_count = report.note_count};
+        double begin = core_seconds();
+        status = report_restore(&page, &job, &error);
+        t.report = core_seconds() - begin;
+    }
     cli_report_flush(&report);
     if (status != BRACE_OK) {
         error.status = status;
@@ -309,7 +341,7 @@ static int work(const arguments *a, const cli_paths *frames, const brace_bracket
         if (!a->quiet) {
             print_summary(a, bracket, restored, out, &t);
         }
-        if (a->json && !cli_json_print(report_json(bracket, restored, out, &t, &report), command)) {
+        if (a->json && !cli_json_print(report_json(a, bracket, restored, out, &t, &report), command)) {
             code = CLI_FAILED;
         }
     }
@@ -325,10 +357,15 @@ static int run(arguments *a, cli_paths *frames, double **exposures) {
     brace_bracket_params bracket_params = {0};
 
     int code = parse_method(a->method, &restore_params.method);
-    if (code < 0) {
+    if (code < 0 && (a->outputs.count > 0 || a->page == NULL)) {
         code = outputs_init(&out, &a->outputs, a->format, command);
     }
-    if (code < 0 && a->json && outputs_use_stdout(&out)) {
+    /* For the checks the report is an output like the others. */
+    outputs all = out;
+    if (a->page != NULL) {
+        all.items[all.count++].path = a->page;
+    }
+    if (code < 0 && a->json && outputs_use_stdout(&all)) {
         code = cli_wrong_usage(command, "--json and an output can't both go to standard output");
     }
     if (code < 0 && !cli_paths_expand(frames, &a->frames, &a->outputs, command)) {
@@ -340,7 +377,7 @@ static int run(arguments *a, cli_paths *frames, double **exposures) {
         code = CLI_FAILED;
     }
     if (code < 0) {
-        code = outputs_check(&out, frames, command);
+        code = outputs_check(&all, frames, command);
     }
     if (code < 0) {
         code = parse_reference(a->reference, frames, &bracket_params.reference);

@@ -21,7 +21,7 @@ const metric_kind metric_kinds[METRICS] = {
 };
 
 /* Mean and deviation (of the population) of what was measured; infinite if one of them is. */
-static void summary(const metrics_table *t, metric m, double *mean, double *deviation, size_t *count) {
+void metrics_table_summary(const metrics_table *t, metric m, double *mean, double *deviation, size_t *count) {
     double sum = 0, squares = 0;
     *count = 0;
     for (size_t i = 0; i < t->pairs.count; i++) {
@@ -67,7 +67,7 @@ void metrics_table_print(const metrics_table *t) {
     }
     printf("%-*s", width, "picture");
     for (metric m = 0; m < METRICS; m++) {
-        summary(t, m, &mean[m], &deviation[m], &count);
+        metrics_table_summary(t, m, &mean[m], &deviation[m], &count);
         if (t->wanted[m]) {
             printf("  %9s", metric_kinds[m].head);
         }
@@ -114,7 +114,7 @@ json_t *metrics_table_json(const metrics_table *t, const cli_report *report) {
     for (metric m = 0; m < METRICS; m++) {
         double mean, deviation;
         size_t count;
-        summary(t, m, &mean, &deviation, &count);
+        metrics_table_summary(t, m, &mean, &deviation, &count);
         if (t->wanted[m]) {
             json_object_set_new(all, metric_kinds[m].name,
                                 json_pack("{s:o, s:o, s:I}", "mean", cli_json_number(mean), "deviation",
@@ -170,7 +170,7 @@ brace_status metrics_table_csv(const metrics_table *t, const char *path, brace_e
     size_t count;
     fputs("name,pred,gt", f);
     for (metric m = 0; m < METRICS; m++) {
-        summary(t, m, &mean[m], &deviation[m], &count);
+        metrics_table_summary(t, m, &mean[m], &deviation[m], &count);
         if (t->wanted[m]) {
             fprintf(f, ",%s", metric_kinds[m].name);
         }

@@ -28,6 +28,13 @@ typedef struct metrics_table {
     result *results; /* one a pair */
 } metrics_table;
 
+/* Mean and deviation (of the population) of what was measured; infinite if one of them is. */
+void metrics_table_summary(const metrics_table *t, metric m, double *mean, double *deviation, size_t *count);
+
+/* Both pictures of a pair, of one size; two RAW files with the same colours (cmd_metrics.c). After an error, too, what
+ * was read is to be destroyed. */
+brace_status metrics_read_pair(brace_image *picture[2], const cli_pair *pair, const brace_job *job, brace_error *error);
+
 void metrics_table_print(const metrics_table *t);
 json_t *metrics_table_json(const metrics_table *t, const cli_report *report);
 brace_status metrics_table_csv(const metrics_table *t, const char *path, brace_error *error);

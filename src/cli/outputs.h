@@ -26,7 +26,7 @@ typedef struct output {
 } output;
 
 typedef struct outputs {
-    output items[CLI_OUTPUTS_MAX];
+    output items[CLI_OUTPUTS_MAX + 1]; /* one more for the report, where outputs are checked */
     size_t count;
     int bits, quality; /* 0: the default of each format */
     double exposure;   /* EV added to the pictures, not to DNGs */
