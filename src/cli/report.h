@@ -94,7 +94,7 @@ typedef struct report_restore_params {
 
 brace_status report_restore(const report_restore_params *params, const brace_job *job, brace_error *error);
 
-/* `table` has results. `side` 0: REPORT_SIDE, less for many pairs. `directions` has one a pair (NAN: not known). */
+/* `table` has results. `side` 0: REPORT_SIDE, less for many pairs. */
 brace_status report_metrics(const metrics_table *table, const char *path, int side, const cli_report *notes,
                             const brace_job *job, brace_error *error);
 

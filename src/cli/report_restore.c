@@ -165,9 +165,10 @@ static void write_head(FILE *f, const restore_report *r) {
     fputs("</p>\n</header>\n<main>\n", f);
 }
 
+/* A low confidence is no proof that there is nothing: below a tenth the words say so. */
 static void write_contrast(FILE *f, const brace_banding_frame *b) {
     if (!bands(b))
-        fputs("none", f);
+        fputs(b->told < 0.4 ? "can't tell" : b->confidence < 0.1 ? "none found" : "unsure", f);
     else if (b->contrast > 0)
         fprintf(f, "%.3g %%", 100 * b->contrast);
     else
@@ -178,12 +179,18 @@ static void write_facts(FILE *f, const restore_report *r) {
     static const char arrow[] = "<span class=\"arrow\" aria-label=\"to\">\xe2\x86\x92</span>";
     const size_t reference = r->p->bracket->reference;
     const brace_banding_frame *before = &r->banding[0].frame[reference], *after = &r->banding[1].frame[reference];
-    fputs("<dl class=\"facts\">\n<div><dt>Contrast of the stripes</dt><dd><span class=\"b\">", f);
-    write_contrast(f, before);
-    fprintf(f, "</span> %s <span class=\"a\">", arrow);
-    write_contrast(f, after);
-    fprintf(f, "</span><small>of the light; sure of banding: %.0f %% before, %.0f %% after</small></dd></div>\n",
-            100 * before->confidence, 100 * after->confidence);
+    fputs("<dl class=\"facts\">\n<div><dt>Contrast of the stripes</dt><dd>", f);
+    if (!bands(before) && bands(surest(&r->banding[0], reference))) {
+        /* The measure missed them in the reference, so it says nothing about what is left of them. */
+        fputs("unsure<small>the bracket bands, but in the reference it could not be measured</small></dd></div>\n", f);
+    } else {
+        fputs("<span class=\"b\">", f);
+        write_contrast(f, before);
+        fprintf(f, "</span> %s <span class=\"a\">", arrow);
+        write_contrast(f, after);
+        fprintf(f, "</span><small>of the light; sure of banding: %.0f %% before, %.0f %% after</small></dd></div>\n",
+                100 * before->confidence, 100 * after->confidence);
+    }
     if (r->spectra.period > 0) {
         const double turned = surest(&r->banding[0], reference)->orientation;
         fprintf(f, "<div><dt>Stripes</dt><dd>%.3g px<small>from one to the next, %.0f\xc2\xb0 off the rows</small></dd></div>\n",
@@ -275,10 +282,7 @@ static brace_status write_frame(const report_page *page, const restore_report *r
         fprintf(f, "<dt>Aperture</dt><dd>f/%.2g</dd>\n", frame->f_number);
     fprintf(f, "<dt>EV</dt><dd>%s%.2f</dd>\n", ev < -0.005 ? "\xe2\x88\x92" : ev > 0.005 ? "+" : "", fabs(ev));
     fputs("<dt>Banding</dt><dd>", f);
-    if (banding->told < 0.4 && !bands(banding))
-        fputs("can't tell", f);
-    else
-        write_contrast(f, banding);
+    write_contrast(f, banding);
     fputs("</dd>\n<dt>Motion</dt><dd>", f);
     if (i == b->reference)
         fputs("\xe2\x80\x93", f);

@@ -173,7 +173,7 @@ static void write_chart(FILE *f, const report_spectra *s, const report_spectra_r
                    "<text x=\"%.1f\" y=\"%g\" text-anchor=\"middle\">%d</text>\n",
                 x, x, bottom, bottom + 5, x, bottom + 19, periods[i]);
     }
-    fprintf(f, "<text x=\"%g\" y=\"%g\" text-anchor=\"end\">pixels from stripe to stripe</text>\n", right, bottom + 40);
+    fprintf(f, "<text x=\"%g\" y=\"%g\" text-anchor=\"end\">period, pixels</text>\n", right, bottom + 40);
     const double at = s->period > 0 ? log(s->pixels * side / s->period / 2) / log(last / 2) : -1;
     if (at > 0 && at < 1) {
         const double x = left + (right - left) * at;
@@ -210,7 +210,7 @@ brace_status report_spectra_write(const report_page *page, const report_spectra 
         status = report_picture(page, image, TILE, REPORT_PLOT, attributes, error);
         fprintf(f, "<figcaption><b>%s.</b> ", s->label[k]);
         if (p->refined_f > 0)
-            fprintf(f, "Strongest line: %.3g px from stripe to stripe, %.1f %% of the power.", s->pixels / p->refined_f,
+            fprintf(f, "Strongest line: a period of %.3g px, with %.1f %% of the power.", s->pixels / p->refined_f,
                     100 * p->rho);
         else
             fputs("No line: the picture is constant.", f);
