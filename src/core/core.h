@@ -76,6 +76,11 @@ void core_parallel(core_pool *pool, size_t count, size_t grain, core_range_fn *f
 
 int core_cpu_count(void); /* online CPUs this process may use */
 
+/* Denormal floats count as zero in this thread until it is undone: they slow arithmetic a hundredfold. Workers of a
+ * pool run like this always. */
+unsigned core_denormals_off(void);
+void core_denormals_restore(unsigned before);
+
 /* ---- counter-based random numbers (random.c) ---- */
 
 /* Philox4x32-10 (Salmon, Moraes, Dror, Shaw: Parallel Random Numbers: As Easy as
@@ -114,6 +119,12 @@ void core_files_abort_all(void); /* async-signal-safe */
 
 /* The whole of a regular file, at most `limit` bytes. Freed with core_free. */
 brace_status core_file_load(void **data, size_t *size, const char *path, size_t limit, brace_error *error);
+
+/* The same mapped, not read: for large files that are not kept whole. "no WHAT" is said of what is not a regular file
+ * of `least` bytes or more. The file must not shrink while it is mapped. */
+brace_status core_file_map(void **data, size_t *size, const char *path, size_t least, const char *what,
+                           brace_error *error);
+void core_file_unmap(void *data, size_t size);
 
 double core_seconds(void); /* monotonic clock */
 

@@ -500,3 +500,37 @@ double core_seconds(void) {
     clock_gettime(CLOCK_MONOTONIC, &t);
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
+
+brace_status core_file_map(void **data, size_t *size, const char *path, size_t least, const char *what,
+                           brace_error *error) {
+    *data = NULL;
+    *size = 0;
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    struct stat info;
+    if (fd < 0 || fstat(fd, &info) != 0) {
+        brace_status status = fail_io(error, path, "open", errno);
+        if (fd >= 0) {
+            close(fd);
+        }
+        return status;
+    }
+    if (!S_ISREG(info.st_mode) || (uintmax_t)info.st_size < least || info.st_size == 0) {
+        close(fd);
+        return core_fail(error, BRACE_ERROR_FORMAT, "%s: no %s", path, what);
+    }
+    void *map = mmap(NULL, (size_t)info.st_size, PROT_READ, MAP_SHARED, fd, 0);
+    int code = errno;
+    close(fd);
+    if (map == MAP_FAILED) {
+        return fail_io(error, path, "map", code);
+    }
+    *data = map;
+    *size = (size_t)info.st_size;
+    return BRACE_OK;
+}
+
+void core_file_unmap(void *data, size_t size) {
+    if (data != NULL) {
+        munmap(data, size);
+    }
+}

@@ -46,7 +46,7 @@ struct core_pool {
 
 static _Thread_local bool inside_piece;
 
-static unsigned flush_denormals(void) {
+unsigned core_denormals_off(void) {
 #if defined(__SSE2__)
     unsigned old = _mm_getcsr();
     _mm_setcsr(old | 0x8040u); /* FTZ is bit 15, DAZ bit 6 */
@@ -56,7 +56,7 @@ static unsigned flush_denormals(void) {
 #endif
 }
 
-static void restore_denormals(unsigned old) {
+void core_denormals_restore(unsigned old) {
 #if defined(__SSE2__)
     _mm_setcsr(old);
 #else
@@ -93,7 +93,7 @@ static void *worker_main(void *arg) {
     pool_worker *self = arg;
     core_pool *pool = self->pool;
     uint64_t seen = 0;
-    flush_denormals();
+    core_denormals_off();
     inside_piece = true;
     pthread_mutex_lock(&pool->lock);
     for (;;) {
@@ -197,11 +197,11 @@ void core_parallel(core_pool *pool, size_t count, size_t grain, core_range_fn *f
     if (grain == 0) {
         grain = 1;
     }
-    unsigned old = flush_denormals();
+    unsigned old = core_denormals_off();
     if (pool == NULL || pool->threads == 1 || inside_piece || count <= grain) {
         /* From inside a piece the workers are busy with that very range: waiting for them would be for ever. */
         run_alone(count, grain, fn, arg);
-        restore_denormals(old);
+        core_denormals_restore(old);
         return;
     }
     pthread_mutex_lock(&pool->busy);
@@ -226,5 +226,5 @@ void core_parallel(core_pool *pool, size_t count, size_t grain, core_range_fn *f
     }
     pthread_mutex_unlock(&pool->lock);
     pthread_mutex_unlock(&pool->busy);
-    restore_denormals(old);
+    core_denormals_restore(old);
 }

@@ -5,13 +5,8 @@
  */
 #include "core/safetensors.h"
 
-#include <errno.h>
-#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include <jansson.h>
 
@@ -50,7 +45,7 @@ void core_safetensors_close(core_safetensors *file) {
         return;
     }
     if (file->map != NULL) {
-        munmap(file->map, file->mapped);
+        core_file_unmap(file->map, file->mapped);
     }
     json_decref(file->header);
     core_free(file->tensors);
@@ -228,31 +223,15 @@ brace_status core_safetensors_parse(core_safetensors **out, const void *data, si
 
 brace_status core_safetensors_open(core_safetensors **out, const char *path, brace_error *error) {
     *out = NULL;
-    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-    struct stat info;
-    if (fd < 0 || fstat(fd, &info) != 0) {
-        brace_status status =
-            core_fail(error, BRACE_ERROR_IO, "%s: cannot open: %s", path,
-                      errno == ENOENT ? "there is no such file" : strerror(errno));
-        if (fd >= 0) {
-            close(fd);
-        }
+    void *map;
+    size_t size;
+    brace_status status = core_file_map(&map, &size, path, 10, "safetensors file", error);
+    if (status != BRACE_OK) {
         return status;
     }
-    if (!S_ISREG(info.st_mode) || info.st_size < 10) {
-        close(fd);
-        return core_fail(error, BRACE_ERROR_FORMAT, "%s: no safetensors file", path);
-    }
-    size_t size = (size_t)info.st_size;
-    void *map = mmap(NULL, size, PROT_READ, MAP_SHARED, fd, 0);
-    int code = errno;
-    close(fd);
-    if (map == MAP_FAILED) {
-        return core_fail(error, BRACE_ERROR_IO, "%s: cannot map: %s", path, strerror(code));
-    }
-    brace_status status = core_safetensors_parse(out, map, size, path, error);
+    status = core_safetensors_parse(out, map, size, path, error);
     if (status != BRACE_OK) {
-        munmap(map, size);
+        core_file_unmap(map, size);
         return status;
     }
     (*out)->map = map;

@@ -4,13 +4,8 @@
  */
 #include "nn/pth.h"
 
-#include <errno.h>
-#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include "nn/pickle.h"
 #include "nn/zip.h"
@@ -66,7 +61,7 @@ void nn_pth_close(nn_pth *file) {
         core_free(file->storages[i].unpacked);
     }
     if (file->map != NULL) {
-        munmap(file->map, file->mapped);
+        core_file_unmap(file->map, file->mapped);
     }
     core_free((void *)file->copies);
     core_free(file->storages);
@@ -495,30 +490,15 @@ brace_status nn_pth_parse(nn_pth **out, const void *data, size_t size, const cha
 
 brace_status nn_pth_open(nn_pth **out, const char *path, brace_error *error) {
     *out = NULL;
-    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-    struct stat info;
-    if (fd < 0 || fstat(fd, &info) != 0) {
-        brace_status status = core_fail(error, BRACE_ERROR_IO, "%s: cannot open: %s", path,
-                                        errno == ENOENT ? "there is no such file" : strerror(errno));
-        if (fd >= 0) {
-            close(fd);
-        }
+    void *map;
+    size_t size;
+    brace_status status = core_file_map(&map, &size, path, 4, "file of PyTorch tensors (.pth)", error);
+    if (status != BRACE_OK) {
         return status;
     }
-    if (!S_ISREG(info.st_mode) || info.st_size < 4) {
-        close(fd);
-        return core_fail(error, BRACE_ERROR_FORMAT, "%s: no file of PyTorch tensors (.pth)", path);
-    }
-    size_t size = (size_t)info.st_size;
-    void *map = mmap(NULL, size, PROT_READ, MAP_SHARED, fd, 0);
-    int code = errno;
-    close(fd);
-    if (map == MAP_FAILED) {
-        return core_fail(error, BRACE_ERROR_IO, "%s: cannot map: %s", path, strerror(code));
-    }
-    brace_status status = nn_pth_parse(out, map, size, path, error);
+    status = nn_pth_parse(out, map, size, path, error);
     if (status != BRACE_OK) {
-        munmap(map, size);
+        core_file_unmap(map, size);
         return status;
     }
     (*out)->map = map;

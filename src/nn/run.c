@@ -6,29 +6,7 @@
  */
 #include <string.h>
 
-#if defined(__SSE2__)
-#include <immintrin.h>
-#endif
-
 #include "nn/graph.h"
-
-static unsigned flush_denormals(void) {
-#if defined(__SSE2__)
-    unsigned old = _mm_getcsr();
-    _mm_setcsr(old | 0x8040u);
-    return old;
-#else
-    return 0;
-#endif
-}
-
-static void restore_denormals(unsigned old) {
-#if defined(__SSE2__)
-    _mm_setcsr(old);
-#else
-    (void)old;
-#endif
-}
 
 static void *memory_of(const nn_graph *g, int buffer) {
     return buffer != 0 && g->memory != NULL ? g->memory + g->buffers[nn_buffer_of(g, buffer)].offset : NULL;
@@ -76,7 +54,7 @@ static void poison(nn_graph *g, int t) {
 
 static brace_status run_steps(nn_graph *g, int begin, int end, brace_error *error) {
     brace_status status = BRACE_OK;
-    const unsigned old = flush_denormals();
+    const unsigned old = core_denormals_off();
     for (int t = begin; t < end && status == BRACE_OK; t++) {
         const nn_step *step = &g->steps[t];
         nn_node *node = g->nodes[step->node];
@@ -94,7 +72,7 @@ static brace_status run_steps(nn_graph *g, int begin, int end, brace_error *erro
         }
         poison(g, t);
     }
-    restore_denormals(old);
+    core_denormals_restore(old);
     return status;
 }
 
