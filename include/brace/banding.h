@@ -162,6 +162,7 @@ typedef struct brace_banding_frame {
     brace_fabp fabp;
     double exposure_time; /* seconds; 0 if the frame does not say */
     double confidence;    /* that there is banding at all, 0 to 1 */
+    double alone;         /* the same as far as this frame says by itself: pixels of a row agree on a wave of light */
     bool compared;        /* true: told by comparison with longer frames, in which content cancels */
     double told;          /* share of the rows of which something could be told, 0 (all clips) to 1 */
     /* The stripes that were found, whether believed or not; all 0 if none. */

@@ -21,11 +21,8 @@ static double sinc(double x) {
 /* Logistic in logarithms; weights fitted to simulated captures of flickering and steady displays (docs/banding.md). */
 double banding_confidence(const brace_banding_frame *f) {
     const double contrast = log(fmax(f->contrast, 3e-3)), prominence = log(fmax(f->prominence, 1));
-    if (!f->compared) {
-        const double share = log(fmax(f->share, 1e-3) / fmax(1 - f->share, 1e-3));
-        const double x = 0.9 * (contrast + 2.6) + 0.5 * (prominence - 4.5) + 0.8 * share;
-        return f->frequency > 0 ? 1 / (1 + exp(-x)) : 0;
-    }
+    if (!f->compared)
+        return f->alone;
     const double uneven = log(fmax(f->uneven, 1e-3)), clear = uneven - log(fmax(f->row_noise, 1e-3));
     return 1 / (1 + exp(-(1.7 + 1.2 * contrast + 1.05 * prominence + 1.5 * uneven + 0.7 * clear)));
 }

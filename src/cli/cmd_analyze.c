@@ -157,11 +157,11 @@ static json_t *fabp_json(const brace_fabp *f) {
 }
 
 static json_t *frame_json(const brace_banding_frame *f, const char *path, bool readout) {
-    return json_pack("{s:o, s:o, s:o, s:b, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "path",
+    return json_pack("{s:o, s:o, s:o, s:o, s:b, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "path",
                      cli_json_text(path), "exposure_time",
                      f->exposure_time > 0 ? cli_json_number(f->exposure_time) : json_null(), "confidence",
-                     cli_json_number(f->confidence), "compared", (int)f->compared, "told", cli_json_number(f->told),
-                     "frequency", cli_json_number(f->frequency), "frequency_error",
+                     cli_json_number(f->confidence), "alone", cli_json_number(f->alone), "compared", (int)f->compared,
+                     "told", cli_json_number(f->told), "frequency", cli_json_number(f->frequency), "frequency_error",
                      cli_json_number(f->frequency_error), "hz", readout ? cli_json_number(f->hz) : json_null(),
                      "period", cli_json_number(f->period), "orientation", cli_json_number(f->orientation), "contrast",
                      cli_json_number(f->contrast), "share", cli_json_number(f->share), "harmonics",

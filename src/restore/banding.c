@@ -11,6 +11,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "banding/consensus.h"
 #include "banding/frequency.h"
 #include "raw/isp.h"
 #include "restore/internal.h"
@@ -120,6 +121,7 @@ typedef struct measure_state {
     banding_profile profile[BRACE_BRACKET_MAX];
     banding_lines lines[BRACE_BRACKET_MAX];
     banding_line line[BRACE_BRACKET_MAX];
+    banding_consensus alone[BRACE_BRACKET_MAX];
 } measure_state;
 
 static double exposure_of(const brace_frame *f) {
@@ -306,6 +308,9 @@ brace_status brace_banding_measure(brace_banding *out, const brace_frame *const 
         if (status == BRACE_OK)
             status = brace_fabp_frame(&f->fabp, frame, &params->fabp, job, error);
         f->exposure_time = frame->exposure_time;
+        if (status == BRACE_OK)
+            status = banding_consensus_frame(&s->alone[i], frame, pool, error);
+        f->alone = status == BRACE_OK ? 1 / (1 + exp(-s->alone[i].odds)) : 0;
         if (status == BRACE_OK && together)
             status = ratio_profile(&s->profile[i], s->view, count, i, pool, error);
         if (status == BRACE_OK && !(s->profile[i].covered > 0.4)) {
@@ -318,7 +323,9 @@ brace_status brace_banding_measure(brace_banding *out, const brace_frame *const 
     if (status == BRACE_OK) {
         const double common = together ? common_line(s, count) : 0;
         for (size_t i = 0; i < count; i++) {
-            banding_line_find(&s->line[i], &s->lines[i], common);
+            /* From one frame alone its pixels' vote is better than the strongest line. */
+            const double near = s->profile[i].steps ? s->alone[i].frequency : common;
+            banding_line_find(&s->line[i], &s->lines[i], near);
             banding_line_measure(&s->line[i], &s->profile[i]);
             banding_frame_fill(&out->frame[s->order[i]], &s->line[i], &s->profile[i]);
         }

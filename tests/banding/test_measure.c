@@ -15,6 +15,7 @@
 #include <cmocka.h>
 
 #include "brace/banding.h"
+#include "banding/consensus.h"
 #include "core/core.h"
 
 enum { WIDTH = 320, HEIGHT = 480, FRAMES = 4 };
@@ -108,6 +109,67 @@ static void test_steady(void **state) {
     }
 }
 
+/* One frame on its own: a page of text with margins and a table's rules across all of it, seen by a camera that is tilted;
+ * light of this contrast and so many periods in the frame, aslant by `slant` rows a column. */
+static brace_frame *page(double contrast, double periods, double slant, uint32_t seed) {
+    brace_frame *f = NULL;
+    core_random r = core_random_create(seed, 0, 0, 1);
+    assert_int_equal(brace_frame_create(&f, 512, 384, BRACE_CFA_RGGB, NULL), BRACE_OK);
+    f->exposure_time = 0.001;
+    for (int c = 0; c < 3; c++)
+        f->noise[c][0] = 2e-4, f->noise[c][1] = 1e-6;
+    for (uint32_t y = 0; y < 384; y++)
+        for (uint32_t x = 0; x < 512; x++) {
+            const double row = y + 0.04 * x; /* of the page, which stands askew */
+            const uint32_t line = (uint32_t)row / 14, letter = (x / 6 * 2654435761u ^ line * 40503u) >> 16;
+            const bool text = x > 60 && x < 420 && (uint32_t)row % 14 < 8 && letter % 3 == 0, rule = (uint32_t)row % 56 == 3;
+            const double light = 1 + contrast * cos(2 * M_PI * periods * (y + slant * x) / 384);
+            const double signal = (text ? 0.1 : rule ? 0.4 : x > 460 ? 0.3 : 0.8) * 0.3 * light;
+            f->data[y * 512 + x] = (uint16_t)lround(65535 * fmax(0, signal + core_random_normal(&r) * sqrt(2e-4 * signal + 1e-6)));
+        }
+    return f;
+}
+
+static void test_alone(void **state) {
+    (void)state;
+    static const struct {
+        double contrast, periods, slant;
+    } lit[] = {{0.9, 3.2, 0}, {0.3, 5.5, 0}, {0.3, 8, -0.05}, {0.1, 12, 0}, {0.1, 20, 0.03}, {0.3, 40, 0}};
+    double most_steady = 0;
+    for (uint32_t seed = 0; seed < 4; seed++) {
+        brace_frame *frame = page(0, 1, 0, seed);
+        banding_consensus c;
+        assert_int_equal(banding_consensus_frame(&c, frame, NULL, NULL), BRACE_OK);
+        most_steady = fmax(most_steady, c.odds);
+        brace_frame_destroy(frame);
+    }
+    for (size_t n = 0; n < sizeof lit / sizeof *lit; n++) {
+        brace_frame *frame = page(lit[n].contrast, lit[n].periods, lit[n].slant, (uint32_t)n);
+        banding_consensus c, same;
+        core_pool *pool = NULL;
+        const brace_job three = {.threads = 3};
+        assert_int_equal(core_pool_create(&pool, &three, NULL), BRACE_OK);
+        assert_int_equal(banding_consensus_frame(&c, frame, NULL, NULL), BRACE_OK);
+        assert_int_equal(banding_consensus_frame(&same, frame, pool, NULL), BRACE_OK);
+        assert_memory_equal(&c, &same, sizeof c);
+        core_pool_destroy(pool);
+        if (!(c.odds > fmax(most_steady, 0) + 0.3 && fabs(c.periods / lit[n].periods - 1) < 0.06 && c.locked > 0.6))
+            fail_msg("%g of %g periods: odds %g (steady %g), %g periods, locked %g", lit[n].contrast, lit[n].periods, c.odds,
+                     most_steady, c.periods, c.locked);
+        /* Cycles a packed row and column; a strip is as fine as a slant is told. */
+        assert_true(fabs(c.slant - lit[n].slant * c.frequency) < 0.002);
+        /* Over the brightest light, and less where pixels disagree: never more than there is. */
+        const double wave = lit[n].contrast / (1 + lit[n].contrast);
+        if (!(c.amplitude > 0.4 * wave && c.amplitude < 1.2 * wave))
+            fail_msg("%g of %g periods: amplitude %g", lit[n].contrast, lit[n].periods, c.amplitude);
+        brace_banding b;
+        assert_int_equal(brace_banding_measure(&b, (const brace_frame *const *)&frame, 1, NULL, NULL, NULL), BRACE_OK);
+        assert_true(b.confidence > 0.5 && !b.frame[0].compared && b.frame[0].alone == b.confidence);
+        brace_frame_destroy(frame);
+    }
+    assert_true(most_steady < 0);
+}
+
 static void all_finite(const brace_banding *b) {
     const double numbers[] = {b->confidence, b->frequency, b->spread, b->frequency_error, b->frequency_confidence, b->hz,
                               b->base_hz};
@@ -116,7 +178,7 @@ static void all_finite(const brace_banding *b) {
     assert_true(b->confidence >= 0 && b->confidence <= 1);
     for (size_t i = 0; i < b->count; i++) {
         const brace_banding_frame *f = &b->frame[i];
-        const double fields[] = {f->confidence, f->told,  f->frequency, f->period,    f->orientation,     f->contrast,
+        const double fields[] = {f->confidence, f->told,  f->alone, f->frequency, f->period,    f->orientation,     f->contrast,
                                  f->share,      f->hz,    f->uneven,    f->row_noise, f->frequency_error, f->prominence};
         for (size_t k = 0; k < sizeof fields / sizeof *fields; k++)
             assert_true(isfinite(fields[k]));
@@ -180,7 +242,7 @@ static void test_memory(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_backlights), cmocka_unit_test(test_steady),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_backlights), cmocka_unit_test(test_steady), cmocka_unit_test(test_alone),
                                        cmocka_unit_test(test_odd_frames), cmocka_unit_test(test_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
