@@ -44,7 +44,7 @@ typedef struct consensus_job {
     size_t lags;
     double noise_s, noise_o;     /* of a reduced pixel, green */
     float *pixels;               /* rows*strips*across; below -1 where one clips */
-    float *level;                /* rows*strips: of the bright pixels; NAN where all clip */
+    float *level;                /* rows*strips: of the bright pixels, 1 where they clip */
     float *scale, *noise;        /* rows*strips: brightness about here; deviation of a pixel over it */
     float *step;                 /* lags*rows*strips: of the light, over the scale; NAN where not known */
     double *cycles;              /* periods in the frame that are tried */
@@ -99,7 +99,7 @@ static void level_rows(void *arg, size_t begin, size_t end, int worker) {
         float sorted[ACROSS];
         memcpy(sorted, job->pixels + i * job->across, job->across * sizeof *sorted);
         const float level = small_select(sorted, job->across, job->across * 3 / 4);
-        job->level[i] = level > -1 ? level : NAN;
+        job->level[i] = level > -1 ? level : 1;
     }
 }
 
@@ -114,13 +114,10 @@ static void scale_strips(void *arg, size_t begin, size_t end, int worker) {
         for (size_t k = 0; k < LEVELS; k++) {
             const size_t centre = (2 * k + 1) * job->rows / (2 * LEVELS), low = centre > half ? centre - half : 0;
             size_t n = 0;
-            for (size_t y = low; y < job->rows && y <= centre + half; y++) {
-                const float here = job->level[y * job->strips + z];
-                if (!isnan(here))
-                    sorted[n++] = here;
-            }
+            for (size_t y = low; y < job->rows && y <= centre + half; y++)
+                sorted[n++] = job->level[y * job->strips + z];
             qsort(sorted, n, sizeof *sorted, by_float);
-            at[k] = n > 0 ? sorted[n * 9 / 10] : 1;
+            at[k] = sorted[n * 9 / 10];
         }
         for (size_t y = 0; y < job->rows; y++) {
             const float here = at[y * LEVELS / job->rows];
@@ -193,7 +190,7 @@ static void clip_steps(void *arg, size_t begin, size_t end, int worker) {
 /* Logarithm of the odds: fitted to simulated captures (docs/banding.md). */
 static double odds_of(const banding_consensus *c) {
     const double amplitude = fmax(c->amplitude, 1e-3);
-    return 0.42 + 1.24 * log(amplitude) + 0.69 * log(c->periods) - 0.48 * log(fmax(1 - c->locked, 0.02)) -
+    return -0.48 + 1.24 * log(amplitude) + 0.69 * log(c->periods) - 0.48 * log(fmax(1 - c->locked, 0.02)) -
            1.13 * log(fmin(fmax(c->even, 0.1), 6)) + 2.36 * fmax(c->quarter, 0) / amplitude;
 }
 
