@@ -120,6 +120,25 @@ static void shutters(brace_banding *b) {
     }
 }
 
+/* Stripes aslant: the light's phase depends on where on the display a row lies. One frame may err by some degrees,
+ * frames that agree do not. */
+static bool aslant(const brace_banding *b, const brace_banding_frame *best) {
+    double tilt[BRACE_BANDING_MAX_FRAMES], sum = 0, apart = 0;
+    size_t n = 0;
+    for (size_t i = 0; i < b->count; i++) {
+        const brace_banding_frame *f = &b->frame[i];
+        if (f->confidence < 0.5 || !f->compared || f->contrast < 0.05)
+            continue;
+        tilt[n] = f->orientation > 90 ? f->orientation - 180 : f->orientation;
+        sum += tilt[n++];
+    }
+    for (size_t i = 0; i < n; i++)
+        apart = fmax(apart, fabs(tilt[i] - sum / (double)n));
+    if (n > 1)
+        return fabs(sum) > 1.5 * (double)n && apart < 2;
+    return fmin(best->orientation, 180 - best->orientation) > 3 && best->share > 0.3;
+}
+
 static brace_banding_source source(const brace_banding *b) {
     if (b->confidence < 0.5)
         return BRACE_BANDING_STEADY;
@@ -127,11 +146,10 @@ static brace_banding_source source(const brace_banding *b) {
     for (size_t i = 1; i < b->count; i++)
         if (b->frame[i].confidence * b->frame[i].contrast > best->confidence * best->contrast)
             best = &b->frame[i];
-    /* Stripes aslant: the light's phase depends on where on the display a row lies. */
-    const double tilt = fmin(best->orientation, 180 - best->orientation);
-    if (tilt > 3 && best->share > 0.3)
+    if (aslant(b, best))
         return BRACE_BANDING_SCANNED;
-    if (b->hz <= 0)
+    /* What follows rests on the frequency. */
+    if (b->hz <= 0 || b->frequency_confidence < 0.5)
         return BRACE_BANDING_UNKNOWN;
     if (b->decay != 0)
         return b->decay < 0 ? BRACE_BANDING_SCANNED : BRACE_BANDING_UNKNOWN;
