@@ -4,6 +4,7 @@
 
 TRUTHS: the truth.tsv of the captures, for the contrast of single frames."""
 import os
+import re
 import sys
 from collections import Counter, defaultdict
 
@@ -61,6 +62,19 @@ def kinds(rows, truth):
               f"| {area([float(r[CONFIDENCE]) for r in of], steady):.3f} | {area(first, alone):.3f} |")
 
 
+def periods(rows, truth):
+    """The shortest frame alone, by how many pulses fall into its readout: the largest number in a preset's name is
+    its pulses a second."""
+    print("\n| pulses in the frame | flickering, contrast at least 10 % | ROC area |\n|---|---:|---:|")
+    alone = [float(r[FIRST + 1]) for r in rows if r[KIND] == "steady"]
+    for low, high in ((0, 2), (2, 4), (4, 10), (10, 30), (30, 1e9)):
+        of = [float(r[FIRST + 1]) for r in rows if r[KIND] == "flicker" and truth[r[DISPLAY], r[SCREEN]][0] >= 0.1
+              and low <= float(r[3]) * max(map(int, re.findall(r"\d+", r[DISPLAY])), default=0) < high]
+        if of:
+            print(f"| {low} to {high:.0f} | {len(of)} | {area(of, alone):.3f} |" if high < 1e9 else
+                  f"| {low} and more | {len(of)} | {area(of, alone):.3f} |")
+
+
 def sources(rows):
     seen = defaultdict(Counter)
     for r in rows:
@@ -94,6 +108,7 @@ def main():
             t = read(path)[0]
             truth[t[DISPLAY], t[SCREEN]] = [float(v) for v in t[7:12]]
     roc(rows, truth)
+    periods(rows, truth)
     kinds(rows, truth)
     sources(rows)
     hertz(r for r in read(sys.argv[2]) if r[WHICH] == "0" and len(r) == FIRST + 5 * FRAME)
