@@ -3,8 +3,8 @@
  * bench_model.c: brace bench model: time and memory of a whole network, forward and for a step of training. The network
  * is what restoration networks are made of: blocks x + conv(ReLU(conv(x))).
  *
- * As in bench_conv.c the fastest of several runs counts. Memory is what the process came to hold at most beyond what it
- * held before the network was built, as the system counts it.
+ * As in bench_conv.c the fastest of several runs counts, of one thread its CPU time. Memory is what the process came to
+ * hold at most beyond what it held before the network was built, as the system counts it.
  */
 #include "cli/bench.h"
 
@@ -132,6 +132,10 @@ static brace_status run_once(model *m, brace_error *error) {
     return status;
 }
 
+static double seconds(const model_params *p) {
+    return p->job->threads == 1 ? bench_seconds() : core_seconds();
+}
+
 static brace_status measure(model_result *r, const model_params *p, nn_type type, bool training, brace_error *error) {
     const double limit = p->quick ? 0 : 3, before = begin_peak();
     const int least = p->quick ? 1 : 5;
@@ -145,9 +149,9 @@ static brace_status measure(model_result *r, const model_params *p, nn_type type
         status = run_once(&m, error); /* memory and caches warm up */
     }
     for (int i = 0; status == BRACE_OK && (i < least || total < limit); i++) {
-        const double begin = core_seconds();
+        const double begin = seconds(p);
         status = run_once(&m, error);
-        const double time = core_seconds() - begin;
+        const double time = seconds(p) - begin;
         r->seconds = time < r->seconds ? time : r->seconds;
         total += time;
     }
