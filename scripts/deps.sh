@@ -12,6 +12,7 @@ packages=(
     # libraries
     libraw-dev libtiff-dev libpng-dev libjpeg-dev libwebp-dev libjansson-dev zlib1g-dev libkissfft-dev
     libdnnl-dev # convolutions and products in f32
+    libopenmpi-dev openmpi-bin # training by several processes
     # tests: cmocka, and other people's DNG readers to check ours against
     libcmocka-dev libimage-exiftool-perl dcraw libraw-bin
 )

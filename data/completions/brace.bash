@@ -72,9 +72,9 @@ _brace()
 
     if [[ $command == bench ]]; then
         if [[ $COMP_CWORD -eq 2 ]]; then
-            mapfile -t COMPREPLY < <(compgen -W 'sim conv --help' -- "$cur")
+            mapfile -t COMPREPLY < <(compgen -W 'sim conv model --help' -- "$cur")
         elif [[ $cur == -* ]]; then
-            mapfile -t COMPREPLY < <(compgen -W '--display --camera --channels --size --hand --quick --threads --json --quiet --help' -- "$cur")
+            mapfile -t COMPREPLY < <(compgen -W '--display --camera --channels --blocks --size --recompute --hand --quick --threads --json --quiet --help' -- "$cur")
         else
             compopt -o filenames
             mapfile -t COMPREPLY < <(compgen -f -- "$cur")

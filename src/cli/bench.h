@@ -9,6 +9,7 @@
 /* The benches: argv[0] is the bench's name. They return an exit code. */
 int bench_sim(int argc, char **argv);
 int bench_conv(int argc, char **argv);
+int bench_model(int argc, char **argv);
 
 /* ---- measuring (cmd_bench.c) ---- */
 

@@ -98,6 +98,7 @@ static const struct {
 } benches[] = {
     {"sim", "the simulator: each display driver with each instruction set", bench_sim},
     {"conv", "convolutions: each way of computing them", bench_conv},
+    {"model", "a network: time and memory, forward and training", bench_model},
 };
 enum { BENCHES = sizeof benches / sizeof benches[0] };
 
@@ -113,7 +114,7 @@ static int print_help(void) {
 int cli_bench(int argc, char **argv) {
     const char *names[BENCHES + 1] = {NULL};
     if (argc < 2) {
-        return cli_wrong_usage("bench", "which bench? sim or conv");
+        return cli_wrong_usage("bench", "which bench? sim, conv or model");
     }
     if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0) {
         return print_help();

@@ -71,6 +71,19 @@ prints 'backward_weights'; prints '1 thread'
 checks=$((checks + 1))
 ! grep -q avx out || bad 'AVX was measured though it was left out'
 
+# A network.
+run 0 bench model --help; prints '--blocks'; prints 'Examples'
+run 2 bench model 64; says 'no argument'
+run 2 bench model --size 64x; says "not '64x'"
+run 0 bench model --quick --json -q --blocks 2 --channels 5 --size 9x7
+is 'bench' "$(json out bench)" model
+is 'types' "$(json out runs 0 type) $(json out runs 1 type) $(json out blocks)" 'f32 bf16 2'
+for pass in forward training_step; do
+    ok "$pass" awk -v x="$(json out runs 1 $pass seconds)" -v y="$(json out runs 0 $pass plan_mb)" 'BEGIN {exit !(x > 0 && y > 0)}'
+done
+BRACE_CPU=plain run 0 bench model --quick -q -t 1 --blocks 3 -c 4 --size 8x8 --recompute
+prints 'training_step'; prints '1 thread'; prints 'recomputed'
+
 # Stopped.
 got=$("$helper" stop 300 INT "$brace" bench sim -q --size 160x120 2>err)
 last='bench sim, stopped'
