@@ -38,6 +38,34 @@ void metrics_table_summary(const metrics_table *t, metric m, double *mean, doubl
     *deviation = *count > 0 && isfinite(*mean) ? sqrt(squares / (double)*count) : NAN;
 }
 
+/* The parts of the SFC, as the paper's table of them has them. */
+enum { SFC_PARTS = 4 };
+static const char *const part_names[SFC_PARTS] = {"d_ratio", "d_profile", "delta_ratio", "delta_profile"};
+
+static void sfc_parts(double parts[SFC_PARTS], const brace_sfc *sfc) {
+    parts[0] = sfc->d_ratio, parts[1] = sfc->d_profile, parts[2] = sfc->delta_ratio, parts[3] = sfc->delta_profile;
+}
+
+/* Mean and deviation of the parts over all pairs whose SFC was measured. */
+static void sfc_parts_summary(const metrics_table *t, double mean[SFC_PARTS], double deviation[SFC_PARTS]) {
+    brace_sfc *items = core_alloc(t->pairs.count + 1, sizeof *items), sums[2] = {{0}};
+    size_t count = 0;
+    for (size_t i = 0; i < t->pairs.count && items != NULL; i++) {
+        if (!isnan(t->results[i].value[SFC])) {
+            items[count++] = t->results[i].sfc;
+        }
+    }
+    if (count > 0) {
+        brace_sfc_summary(&sums[0], &sums[1], items, count);
+    }
+    core_free(items);
+    sfc_parts(mean, &sums[0]);
+    sfc_parts(deviation, &sums[1]);
+    for (int k = 0; k < SFC_PARTS && count == 0; k++) {
+        mean[k] = deviation[k] = NAN;
+    }
+}
+
 static const char *number(char buffer[32], double value, int digits) {
     if (isnan(value)) {
         return "-";
@@ -80,6 +108,15 @@ void metrics_table_print(const metrics_table *t) {
         print_row(t, width, "mean", mean);
         print_row(t, width, "deviation", deviation);
     }
+    if (t->wanted[SFC] && !isnan(mean[SFC])) {
+        double parts[SFC_PARTS], spread[SFC_PARTS];
+        sfc_parts_summary(t, parts, spread);
+        static const char *const heads[SFC_PARTS] = {"D_ratio", "D_profile", "ratio, signed", "profile, signed"};
+        printf("\n%-17s %9s  %9s\n", "SFC in parts", "mean", "deviation");
+        for (int k = 0; k < SFC_PARTS; k++) {
+            printf("  %-15s %9.4f  %9.4f\n", heads[k], parts[k], spread[k]);
+        }
+    }
 }
 
 static json_t *values_json(const metrics_table *t, const result *r) {
@@ -121,6 +158,17 @@ json_t *metrics_table_json(const metrics_table *t, const cli_report *report) {
                                           cli_json_number(deviation), "count", (json_int_t)count));
         }
     }
+    if (t->wanted[SFC]) {
+        double mean[SFC_PARTS], deviation[SFC_PARTS];
+        json_t *parts = json_object();
+        sfc_parts_summary(t, mean, deviation);
+        for (int k = 0; k < SFC_PARTS; k++) {
+            json_object_set_new(parts, part_names[k],
+                                json_pack("{s:o, s:o}", "mean", cli_json_number(mean[k]), "deviation",
+                                          cli_json_number(deviation[k])));
+        }
+        json_object_set_new(all, "sfc_parts", parts);
+    }
     for (size_t i = 0; i < t->pairs.unmatched.count; i++) {
         json_array_append_new(unmatched, cli_json_text(t->pairs.unmatched.items[i]));
     }
@@ -147,13 +195,19 @@ static void csv_text(FILE *f, const char *text) {
     putc('"', f);
 }
 
-static void csv_values(const metrics_table *t, FILE *f, const double values[METRICS]) {
+static void csv_values(const metrics_table *t, FILE *f, const double values[METRICS], const double parts[SFC_PARTS]) {
     for (metric m = 0; m < METRICS; m++) {
         if (t->wanted[m]) {
             putc(',', f);
             if (!isnan(values[m])) {
                 fprintf(f, "%.9g", values[m]);
             }
+        }
+    }
+    for (int k = 0; k < SFC_PARTS && t->wanted[SFC]; k++) {
+        putc(',', f);
+        if (!isnan(values[SFC])) {
+            fprintf(f, "%.9g", parts[k]);
         }
     }
     fputs("\r\n", f);
@@ -175,7 +229,11 @@ brace_status metrics_table_csv(const metrics_table *t, const char *path, brace_e
             fprintf(f, ",%s", metric_kinds[m].name);
         }
     }
+    for (int k = 0; k < SFC_PARTS && t->wanted[SFC]; k++) {
+        fprintf(f, ",sfc_%s", part_names[k]);
+    }
     fputs("\r\n", f);
+    double parts[SFC_PARTS], spread[SFC_PARTS];
     for (size_t i = 0; i < t->pairs.count; i++) {
         const cli_pair *p = &t->pairs.items[i];
         csv_text(f, p->name);
@@ -183,11 +241,13 @@ brace_status metrics_table_csv(const metrics_table *t, const char *path, brace_e
         csv_text(f, p->pred);
         putc(',', f);
         csv_text(f, p->gt);
-        csv_values(t, f, t->results[i].value);
+        sfc_parts(parts, &t->results[i].sfc);
+        csv_values(t, f, t->results[i].value, parts);
     }
+    sfc_parts_summary(t, parts, spread);
     fputs("mean,,", f);
-    csv_values(t, f, mean);
+    csv_values(t, f, mean, parts);
     fputs("deviation,,", f);
-    csv_values(t, f, deviation);
+    csv_values(t, f, deviation, spread);
     return core_file_commit(file, error);
 }
