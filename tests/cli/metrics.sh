@@ -37,7 +37,7 @@ ok sfc json m.json pairs 0 metrics sfc
 ok direction json m.json pairs 0 metrics sfc_parts direction
 first=$(json m.json pairs 0 metrics sfc)
 is 'mean of one' "$(json m.json summary sfc_parts d_ratio mean)" "$(json m.json pairs 0 metrics sfc_parts d_ratio)"
-is 'deviation of one' "$(json m.json summary sfc_parts delta_profile deviation)" 0.0
+is 'deviation of one' "$(json m.json summary sfc_parts delta_profile deviation)" 0
 run 0 metrics b.dng a.dng --bracket small -m sfc -q --csv sfc.csv; prints 'D_profile'
 ok 'parts in CSV' grep -q 'sfc,sfc_d_ratio,sfc_d_profile,sfc_delta_ratio,sfc_delta_profile' sfc.csv
 run 0 metrics b.dng a.dng --bracket small --json -q; cp out m.json; is folder "$(json m.json pairs 0 metrics sfc)" "$first"
