@@ -190,9 +190,9 @@ static json_t *to_json(const model_params *p, const model_result results[TYPES][
         json_array_append_new(rows, row);
     }
     return json_pack("{s:s, s:o, s:i, s:i, s:i, s:i, s:i, s:b, s:o}", "bench", "model", "processor",
-                     cli_json_text(bench_processor(processor, sizeof processor)), "threads", threads, "blocks", p->blocks,
-                     "channels", p->channels, "width", p->width, "height", p->height, "recompute", p->recompute, "runs",
-                     rows);
+                     cli_json_text(bench_processor(processor, sizeof processor)), "threads", threads, "blocks",
+                     p->blocks, "channels", p->channels, "width", p->width, "height", p->height, "recompute",
+                     p->recompute, "runs", rows);
 }
 
 static void print_table(const model_params *p, const model_result results[TYPES][2], int threads) {

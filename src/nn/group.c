@@ -37,12 +37,19 @@ brace_status nn_group_alone(nn_group **out, brace_error *error) {
     return BRACE_OK;
 }
 
-void nn_group_destroy(nn_group *group) {
+void nn_group_give_up(nn_group *group) {
     if (group != NULL) {
-        group->kind->leave(group);
+        core_free(group->room);
         core_free(group->chunk);
         core_free(group->parts);
         core_free(group);
+    }
+}
+
+void nn_group_destroy(nn_group *group) {
+    if (group != NULL) {
+        group->kind->leave(group);
+        nn_group_give_up(group);
     }
 }
 
@@ -109,10 +116,7 @@ brace_status nn_group_sum_gradients(nn_group *group, nn_weights *weights, brace_
     }
     brace_status status = check_same(group, weights, true, error);
     /* Small parameters travel together: messages cost the same, however short they are. */
-    float *room = status == BRACE_OK ? core_alloc(NN_GROUP_CHUNK, sizeof *room) : NULL;
-    if (status == BRACE_OK && room == NULL) {
-        status = core_fail_memory(error, NN_GROUP_CHUNK * sizeof *room, "the sum of gradients");
-    }
+    float *room = group->room;
     size_t count = nn_weights_count(weights), item = 0, at = 0; /* the next number to be sent */
     while (status == BRACE_OK && item < count) {
         const size_t first_item = item, first_at = at;
@@ -138,7 +142,6 @@ brace_status nn_group_sum_gradients(nn_group *group, nn_weights *weights, brace_
             }
         }
     }
-    core_free(room);
     return status;
 }
 

@@ -15,8 +15,9 @@
  * are the same bytes everywhere: number i is added up by one process, from rank 0's
  * to the last rank's, in f32, and sent to all.
  *
- * Every process calls the same functions in the same order. What fails in one process
- * fails in all (MPI) or ends them: there is no group with a part missing.
+ * Every process calls the same functions in the same order. One that cannot go on
+ * calls nn_group_give_up and exits; mpirun then ends the others, which would wait for
+ * it: there is no group with a part missing.
  * Thread safety: one thread of a process uses its group.
  */
 #ifndef NN_GROUP_H
@@ -33,6 +34,7 @@ brace_status nn_group_mpi(nn_group **out, brace_error *error);
 #endif
 /* With MPI it waits for all others. NULL is allowed. */
 void nn_group_destroy(nn_group *group);
+void nn_group_give_up(nn_group *group); /* the same without waiting, after an error */
 
 int nn_group_rank(const nn_group *group); /* 0 .. size - 1 */
 int nn_group_size(const nn_group *group);
@@ -62,7 +64,8 @@ enum { NN_GROUP_CHUNK = 1 << 18 }; /* numbers at a time, a megabyte: memory is b
 struct nn_group {
     const nn_group_kind *kind;
     int rank, size;
-    float *chunk, *parts; /* of MPI: the part that this process adds up, and what all sent of it */
+    float *room; /* NN_GROUP_CHUNK numbers: gradients on their way. NULL alone, like what follows */
+    float *chunk, *parts; /* the part that this process adds up, and what all sent of it */
 };
 
 #endif

@@ -10,6 +10,8 @@
 
 #include "nn/group.h"
 
+enum { MOST_PROCESSES = 1024 };
+
 static brace_status failed(int code, const char *what, brace_error *error) {
     char text[MPI_MAX_ERROR_STRING] = "";
     int length = 0;
@@ -28,8 +30,7 @@ static int part(int n, int r, int size) {
 }
 
 static brace_status sum_chunk(nn_group *group, float *values, int n, brace_error *error) {
-    enum { MOST = 1024 };
-    int counts[MOST], begins[MOST], mine[MOST], places[MOST];
+    int counts[MOST_PROCESSES], begins[MOST_PROCESSES], mine[MOST_PROCESSES], places[MOST_PROCESSES];
     const int size = group->size, length = part(n, group->rank + 1, size) - part(n, group->rank, size);
     for (int r = 0; r < size; r++) {
         begins[r] = part(n, r, size);
@@ -101,19 +102,26 @@ brace_status nn_group_mpi(nn_group **out, brace_error *error) {
     MPI_Comm_size(MPI_COMM_WORLD, &size);
     MPI_Comm_rank(MPI_COMM_WORLD, &rank);
     nn_group *group = core_calloc(1, sizeof *group);
-    if (size > 1024 || provided < MPI_THREAD_FUNNELED || group == NULL) {
-        core_free(group);
-        MPI_Finalize();
-        return core_fail(error, BRACE_ERROR_UNSUPPORTED,
-                         "%d processes cannot be joined: at most 1024 can, by an MPI that allows threads", size);
+    if (group != NULL) {
+        const size_t longest = NN_GROUP_CHUNK / (size_t)size + 1;
+        *group = (nn_group){.kind = &kind_mpi, .rank = rank, .size = size};
+        group->room = core_alloc(NN_GROUP_CHUNK, sizeof *group->room);
+        group->chunk = core_alloc(longest, sizeof *group->chunk);
+        group->parts = core_alloc(longest * (size_t)size, sizeof *group->parts);
     }
-    *group = (nn_group){.kind = &kind_mpi, .rank = rank, .size = size};
-    const size_t longest = NN_GROUP_CHUNK / (size_t)size + 1;
-    group->chunk = core_alloc(longest, sizeof *group->chunk);
-    group->parts = core_alloc(longest * (size_t)size, sizeof *group->parts);
-    if (group->chunk == NULL || group->parts == NULL) {
-        nn_group_destroy(group);
-        return core_fail_memory(error, 2 * NN_GROUP_CHUNK * sizeof(float), "a group of processes");
+    int good = group != NULL && group->room != NULL && group->chunk != NULL && group->parts != NULL, all = 0;
+    /* All or none: where one fails, nobody waits for it later. */
+    if (MPI_Allreduce(&good, &all, 1, MPI_INT, MPI_MIN, MPI_COMM_WORLD) != MPI_SUCCESS || !all) {
+        status = core_fail_memory(error, 3 * NN_GROUP_CHUNK * sizeof(float), "a group of processes");
+    } else if (size > MOST_PROCESSES || provided < MPI_THREAD_FUNNELED) {
+        status = core_fail(error, BRACE_ERROR_UNSUPPORTED,
+                           "%d processes cannot be joined: at most %d can, by an MPI that allows threads", size,
+                           MOST_PROCESSES);
+    }
+    if (status != BRACE_OK) {
+        MPI_Finalize();
+        nn_group_give_up(group);
+        return status;
     }
     *out = group;
     return BRACE_OK;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * test_group.c: processes that train together. Alone: nothing changes. With MPI (the argument "mpi", started by mpirun):
- * sums in the order of the ranks, bit by bit; what rank 0 has is sent to all; and a network trained by n processes on one
- * sample each becomes what one process makes of it with n samples at once.
+ * test_group.c: processes that train together. Alone: nothing changes. With MPI (the argument "mpi", started by
+ * mpirun): sums in the order of the ranks, bit by bit; what rank 0 has is sent to all; and a network trained by n
+ * processes on one sample each becomes what one process makes of it with n samples at once.
  */
 #include "nn_test.h"
 
@@ -75,7 +75,8 @@ static model make(int batch, uint64_t seed, int channels) {
     test_ok(nn_graph_create(&m.g, m.weights, &(nn_graph_params){.job = &job}, &error), &error);
     m.x = nn_input(m.g, "x", (nn_shape){batch, SIZE, SIZE, 3});
     m.target = nn_input(m.g, "target", (nn_shape){batch, SIZE, SIZE, 3});
-    nn_value y = nn_conv2d(m.g, m.x, &(nn_conv){.name = "a", .out = channels, .kernel = 3, .pad = 1, .activation = NN_LEAKY_RELU});
+    nn_value y = nn_conv2d(m.g, m.x, &(nn_conv){.name = "a", .out = channels, .kernel = 3, .pad = 1,
+                                                .activation = NN_LEAKY_RELU});
     y = nn_conv2d(m.g, y, &(nn_conv){.name = "b", .out = 3, .kernel = 3, .pad = 1, .residual = m.x});
     m.loss = nn_l1(m.g, y, m.target);
     test_ok(nn_graph_plan(m.g, &(nn_plan_params){.loss = m.loss}, &error), &error);
