@@ -85,7 +85,7 @@ static void read_optimizer(train_config *c, const json_at *root) {
         c->optimizer.beta2 = json_check_number(&o, "beta2", 0, 0.9999999, 0.999);
     }
     c->optimizer.clip = there ? json_check_number(&o, "clip", 0, 1e9, 1) : 1;
-    c->optimizer.average = there ? json_check_number(&o, "average", 0, 0.9999999, 0.999) : 0.999;
+    c->optimizer.average = there ? json_check_number(&o, "average", 0, 0.9999999, 0.99) : 0.99;
 }
 
 static void read_all(train_config *c, const json_at *root) {

@@ -15,7 +15,10 @@ brace_status train_network_create(train_network *out, const train_config *config
     const int frames = config->data.frames, side = config->data.side;
     brace_status status = nn_weights_create(&out->weights, config->seed, error);
     if (status == BRACE_OK && config->initial != NULL) {
-        status = nn_weights_load(out->weights, config->initial, true, error);
+        status = nn_weights_load(out->weights, config->initial, false, error);
+    }
+    if (status == BRACE_OK && config->loss.color > 0) { /* no file has these */
+        status = train_msswd_draw(out->weights, own, &config->loss.msswd, config->seed, error);
     }
     if (status == BRACE_OK) {
         const nn_graph_params params = {.type = config->bf16 ? NN_BF16 : NN_F32, .job = job};

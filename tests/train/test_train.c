@@ -346,6 +346,16 @@ static void test_learns(void **state) {
     }
     train_log_close(&log);
     train_config_free(&c);
+    /* A file of other arrays is no beginning; MS-SWD's own are in none, and are not missed. */
+    c = config_of("", "9");
+    char other[256];
+    c.initial = in(other, "whole", "checkpoint.safetensors");
+    assert_int_equal(run(&c, "wrong", false, NULL, NULL, &error), BRACE_ERROR_MISMATCH);
+    assert_non_null(strstr(error.message, "first.weight"));
+    c.initial = in(other, "whole", "weights.safetensors");
+    stopper stop = {.at = 0};
+    assert_int_equal(run(&c, "right", false, &stop, NULL, &error), BRACE_ERROR_CANCELLED);
+    train_config_free(&c);
 }
 
 static void test_config(void **state) {
@@ -379,6 +389,18 @@ static void test_config(void **state) {
     assert_int_equal(c.data.side, 128);
     assert_true(c.schedule.rate == 1e-4 && c.loss.wavelet == 0.5 && c.loss.color == 0);
     train_config_free(&c);
+    static const char *const shipped[] = {"stage1", "stage2", "stage1-s", "stage2-s"};
+    for (size_t i = 0; i < sizeof shipped / sizeof *shipped; i++) {
+        char path[4096];
+        snprintf(path, sizeof path, "%s/configs/%s.json", getenv("BRACE_DATA"), shipped[i]);
+        ok(train_config_load(&c, path, &error), &error);
+        const bool second = shipped[i][5] == '2'; /* what the paper says */
+        assert_int_equal(c.batch, 16);
+        assert_int_equal(c.epochs, second ? 20 : 50);
+        assert_true(c.schedule.rate == (second ? 1e-5 : 1e-4) && c.loss.wavelet == 0.5);
+        assert_true(c.loss.color == (second ? 0.05 : 0) && (c.initial != NULL) == second);
+        train_config_free(&c);
+    }
 }
 
 int main(void) {
