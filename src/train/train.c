@@ -7,12 +7,11 @@
  */
 #include "train/train.h"
 
-#include <errno.h>
+#include <dirent.h>
 #include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include "core/safetensors.h"
@@ -345,11 +344,34 @@ static brace_status loop(run *r, brace_error *error) {
 
 /* ---- a run ---- */
 
+/* What a killed run had begun to write: temporaries of core_file_create. A checkpoint is large. */
+static void remove_torn(const char *folder) {
+    struct dirent **names = NULL;
+    const int n = scandir(folder, &names, NULL, NULL);
+    for (int i = 0; i < n; i++) {
+        const char *name = names[i]->d_name;
+        const size_t length = strlen(name);
+        if (length > 11 && strncmp(name, ".brace-", 7) == 0 && strcmp(name + length - 4, ".tmp") == 0) {
+            char *path = dataset_path(folder, name);
+            if (path != NULL) {
+                unlink(path);
+            }
+            core_free(path);
+        }
+        free(names[i]);
+    }
+    free(names);
+}
+
 static brace_status prepare(run *r, const train_run_params *params, const brace_job *graph_job, brace_error *error) {
     const train_config *c = r->config;
     char path[PATH_MAX];
     path_of(path, r, "sheets");
     brace_status status = r->first ? dataset_make_folder(path, error) : BRACE_OK;
+    if (status == BRACE_OK && r->first) {
+        remove_torn(path);
+        remove_torn(r->output);
+    }
     if (status == BRACE_OK) {
         status = nn_group_wait(r->group, error);
     }

@@ -185,7 +185,12 @@ static void test_killed(void **state) {
     for (size_t i = 0; i < 3; i++) {
         char name[16];
         snprintf(name, sizeof name, "killed%zu", i);
+        char torn[256];
+        FILE *f = fopen(in(torn, name, ".brace-0123456789abcdef.tmp"), "w"); /* of a checkpoint that it was writing */
+        assert_non_null(f);
+        fclose(f);
         ok(run(&c, name, true, NULL, &result, &error), &error);
+        assert_int_equal(access(torn, F_OK), -1);
         same("whole", name, "checkpoint.safetensors", 0);
         same("whole", name, "weights.safetensors", 0);
         assert_int_equal(lines(name, "\"kind\":\"epoch\""), 2);
