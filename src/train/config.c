@@ -6,8 +6,8 @@
 #include "train/train.h"
 
 static void read_data(train_config *c, const json_at *root) {
-    static const char *const keys[] = {"packed", "screens", "priors", "width", "height", "field", "test_share",
-                                       "crop", "crops", "augment", "threads", NULL};
+    static const char *const keys[] = {"packed",     "screens", "priors", "width",   "height",  "field",
+                                       "test_share", "crop",    "crops",  "augment", "threads", NULL};
     json_at data;
     train_source_params *d = &c->data;
     d->frames = 5, d->side = 128, d->crops = 4, d->turned = true, d->seed = c->seed;
@@ -42,8 +42,8 @@ static void read_data(train_config *c, const json_at *root) {
 }
 
 static void read_loss(train_config *c, const json_at *root) {
-    static const char *const keys[] = {"encoding", "mu", "wavelet", "wavelet_weights", "color", "color_scales",
-                                       "color_projections", NULL};
+    static const char *const keys[] = {"encoding", "mu",           "wavelet",           "wavelet_weights",
+                                       "color",    "color_scales", "color_projections", NULL};
     static const char *const encodings[] = {"gamma", "mu_law", NULL};
     train_loss_params *l = &c->loss;
     *l = (train_loss_params){.encoding = TRAIN_GAMMA, .mu = 5000, .wavelet = 0.5, .msswd = {5, 32}};
@@ -63,8 +63,8 @@ static void read_loss(train_config *c, const json_at *root) {
 }
 
 static void read_optimizer(train_config *c, const json_at *root) {
-    static const char *const keys[] = {"rate", "floor", "warmup_epochs", "schedule", "weight_decay", "beta1", "beta2",
-                                       "clip", "average", NULL};
+    static const char *const keys[] = {"rate",  "floor", "warmup_epochs", "schedule", "weight_decay",
+                                       "beta1", "beta2", "clip",          "average",  NULL};
     static const char *const kinds[] = {"constant", "cosine", NULL};
     c->optimizer = nn_adamw_defaults();
     c->schedule = (nn_schedule){.kind = NN_RATE_COSINE, .rate = 1e-4, .steps = c->steps};
@@ -89,9 +89,9 @@ static void read_optimizer(train_config *c, const json_at *root) {
 }
 
 static void read_all(train_config *c, const json_at *root) {
-    static const char *const keys[] = {"description", "model", "initial", "seed", "precision", "data", "batch",
-                                       "epochs", "epoch_samples", "loss", "optimizer", "validation",
-                                       "checkpoint_steps", NULL};
+    static const char *const keys[] = {
+        "description",   "model", "initial",   "seed",       "precision",        "data", "batch", "epochs",
+        "epoch_samples", "loss",  "optimizer", "validation", "checkpoint_steps", NULL};
     static const char *const precisions[] = {"f32", "bf16", NULL};
     json_check_only(root, keys);
     json_check_string(root, "description", 4096, "");

@@ -43,11 +43,12 @@ static brace_status remember(train_log *log, const json_t *line, brace_error *er
 /* Copies the lines up to a step. */
 static brace_status keep(train_log *log, const char *text, size_t size, uint64_t step, FILE *to, brace_error *error) {
     brace_status status = BRACE_OK;
-    for (const char *at = text, *end; status == BRACE_OK && (end = memchr(at, '\n', size - (size_t)(at - text))) != NULL;
-         at = end + 1) {
+    for (const char *at = text, *end;
+         status == BRACE_OK && (end = memchr(at, '\n', size - (size_t)(at - text))) != NULL; at = end + 1) {
         json_t *line = json_loadb(at, (size_t)(end - at), 0, NULL);
         const json_t *number = json_object_get(line, "step");
-        if (json_is_integer(number) && json_integer_value(number) >= 0 && (uint64_t)json_integer_value(number) <= step) {
+        if (json_is_integer(number) && json_integer_value(number) >= 0 &&
+            (uint64_t)json_integer_value(number) <= step) {
             fwrite(at, 1, (size_t)(end - at) + 1, to);
             status = remember(log, line, error);
         }

@@ -46,8 +46,9 @@ typedef struct train_msswd {
     int projections; /* a scale, 1 to 512 */
 } train_msswd;
 
-/* Of two pictures {1, h, w, 3}, sRGB-encoded; the gradient is for `a`, or for both. The directions are frozen parameters
- * "msswd.N.weight" of the graph's scope, which train_msswd_draw fills: before the graph is built, or at any time after. */
+/* Of two pictures {1, h, w, 3}, sRGB-encoded; the gradient is for `a`, or for both. The directions are frozen
+ * parameters "msswd.N.weight" of the graph's scope, which train_msswd_draw fills: before the graph is built, or at any
+ * time after. */
 nn_value train_loss_msswd(nn_graph *g, nn_weights *weights, nn_value a, nn_value b, const train_msswd *params);
 /* Draws all directions of the scope ("" or "loss.") anew: the same for the same seed, those of brace_ms_swd. */
 brace_status train_msswd_draw(nn_weights *weights, const char *scope, const train_msswd *params, uint64_t seed,
@@ -64,8 +65,8 @@ typedef struct train_loss_params {
 } train_loss_params;
 
 typedef struct train_loss {
-    nn_value truth;         /* input {1, h, w, 4} */
-    nn_value gains, matrix; /* inputs; 0 without colour */
+    nn_value truth;                     /* input {1, h, w, 4} */
+    nn_value gains, matrix;             /* inputs; 0 without colour */
     nn_value total, l1, wavelet, color; /* 0: left out */
 } train_loss;
 

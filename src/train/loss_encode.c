@@ -23,7 +23,8 @@ nn_value train_encode(nn_graph *g, nn_value raw, train_encoding encoding, double
         curve = nn_affine(g, nn_log(g, nn_affine(g, above, mu, 1)), scale, 0);
         slope = mu * scale;
     } else {
-        const double power = 1 / 2.2, zero = pow(GAMMA_OFFSET, power), scale = 1 / (pow(1 + GAMMA_OFFSET, power) - zero);
+        const double power = 1 / 2.2, zero = pow(GAMMA_OFFSET, power),
+                     scale = 1 / (pow(1 + GAMMA_OFFSET, power) - zero);
         curve = nn_affine(g, nn_pow(g, nn_affine(g, above, 1, GAMMA_OFFSET), power), scale, -zero * scale);
         slope = scale * power * pow(GAMMA_OFFSET, power - 1);
     }

@@ -27,12 +27,11 @@ static nn_value decode_srgb(nn_graph *g, nn_value x) {
 
 /* sRGB-encoded to CIELAB, the constants of src/metrics/msswd.c. */
 static nn_value lab_of(nn_graph *g, nn_value srgb) {
-    static const float to_xyz[9] = {/* transposed: rows R G B */
-                                    (float)(10135552 / 23359437.0), (float)(2613072 / 12288897.0),
-                                    (float)(1425312 / 80288307.0),  (float)(8788810 / 23359437.0),
-                                    (float)(8788810 / 12288897.0),  (float)(8788810 / 80288307.0),
-                                    (float)(4435075 / 23359437.0),  (float)(887015 / 12288897.0),
-                                    (float)(70074185 / 80288307.0)};
+    static const float to_xyz[9] = {
+        /* transposed: rows R G B */
+        (float)(10135552 / 23359437.0), (float)(2613072 / 12288897.0), (float)(1425312 / 80288307.0),
+        (float)(8788810 / 23359437.0),  (float)(8788810 / 12288897.0), (float)(8788810 / 80288307.0),
+        (float)(4435075 / 23359437.0),  (float)(887015 / 12288897.0),  (float)(70074185 / 80288307.0)};
     /* f(X), f(Y), f(Z) to L, a, b */
     static const float to_lab[9] = {0, 500, 0, 116, -500, 200, 0, 0, -200};
     const double delta = 6.0 / 29, t = delta * delta * delta;

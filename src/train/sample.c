@@ -62,9 +62,10 @@ brace_status train_sample_create(train_sample *out, int frames, int side, brace_
     *out = (train_sample){.frames = frames, .side = side};
     out->input = core_calloc((size_t)frames * pixels * 8, sizeof *out->input);
     out->truth = core_calloc(pixels * 4, sizeof *out->truth);
-    brace_status status = out->input != NULL && out->truth != NULL
-                              ? brace_frame_create(&out->look, 2 * (uint32_t)side, 2 * (uint32_t)side, BRACE_CFA_RGGB, error)
-                              : core_fail_memory(error, (size_t)frames * pixels * 32, "a training sample");
+    brace_status status =
+        out->input != NULL && out->truth != NULL
+            ? brace_frame_create(&out->look, 2 * (uint32_t)side, 2 * (uint32_t)side, BRACE_CFA_RGGB, error)
+            : core_fail_memory(error, (size_t)frames * pixels * 32, "a training sample");
     if (status != BRACE_OK) {
         train_sample_free(out);
     }

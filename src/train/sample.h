@@ -34,8 +34,8 @@ void train_bracket_set(train_bracket *bracket, int index, const brace_frame *fra
 brace_status train_bracket_finish(train_bracket *bracket, brace_error *error);
 
 /* Where a crop lies and how it is turned: pixel (x, y) of its mosaic is pixel (x0 ± x, y0 ± y) of the frame's, x and y
- * exchanged first with `transpose`. (x0, y0) is a red pixel: so the crop is RGGB, whatever the frame is, and mirrored or
- * not: a mirrored RGGB mosaic begins one column later. */
+ * exchanged first with `transpose`. (x0, y0) is a red pixel: so the crop is RGGB, whatever the frame is, and mirrored
+ * or not: a mirrored RGGB mosaic begins one column later. */
 typedef struct train_window {
     uint32_t x0, y0;
     bool flip_x, flip_y, transpose;
@@ -50,10 +50,10 @@ void train_crop(float *out, const train_view *view, uint32_t width, const train_
 
 typedef struct train_sample {
     int frames, side;
-    uint64_t index;    /* of the sample: sources give the same for the same index */
-    float *input;      /* [frames][side][side][8]: linear R, its gamma, linear G, ...; the reference first, then the
-                        * others from short to long; all at the reference's exposure. gamma: max(x, 0)^(1/2.2) */
-    float *truth;      /* [side][side][4] */
+    uint64_t index; /* of the sample: sources give the same for the same index */
+    float *input;   /* [frames][side][side][8]: linear R, its gamma, linear G, ...; the reference first, then the
+                     * others from short to long; all at the reference's exposure. gamma: max(x, 0)^(1/2.2) */
+    float *truth;   /* [side][side][4] */
     float descriptor[BRACE_BRACKET_MAX][8]; /* of the banding prior of each frame's crop, in the input's order */
     float rho[BRACE_BRACKET_MAX];
     float gains[3], matrix[9]; /* for train_isp (loss.h) */

@@ -66,14 +66,16 @@ brace_status train_source_create(train_source **out, const train_source_params *
     p->packed = s->packed_folder, p->screens = s->screens_folder, p->priors = s->priors_file;
     const uint32_t least = 2 * (uint32_t)p->side + 2;
     if (status == BRACE_OK && p->packed == NULL &&
-        (p->width % 2 || p->height % 2 || p->width < least || p->height < least || p->width > 16384 || p->height > 16384)) {
+        (p->width % 2 || p->height % 2 || p->width < least || p->height < least || p->width > 16384 ||
+         p->height > 16384)) {
         status = core_fail(error, BRACE_ERROR_ARGUMENT,
-                           "frames of %ux%u: an even number of pixels from %u to 16384 is needed for crops of %d", p->width,
-                           p->height, least, p->side);
+                           "frames of %ux%u: an even number of pixels from %u to 16384 is needed for crops of %d",
+                           p->width, p->height, least, p->side);
     }
     if (status == BRACE_OK) {
-        status = p->packed != NULL ? train_packed_open(&s->packed, p->packed, p->test ? "test" : "train", p->frames, error)
-                                   : open_simulator(s, job, error);
+        status = p->packed != NULL
+                     ? train_packed_open(&s->packed, p->packed, p->test ? "test" : "train", p->frames, error)
+                     : open_simulator(s, job, error);
     }
     if (status != BRACE_OK) {
         train_source_destroy(s);
@@ -114,7 +116,8 @@ static brace_status pick(size_t *out, const train_source *s, uint64_t n, brace_e
     if (order == NULL) {
         return core_fail_memory(error, count * sizeof *order, "the order of samples");
     }
-    core_random r = core_random_create(s->params.seed, (uint32_t)(n / count), (uint32_t)(n / count >> 32), STREAM_ORDER);
+    core_random r =
+        core_random_create(s->params.seed, (uint32_t)(n / count), (uint32_t)(n / count >> 32), STREAM_ORDER);
     for (uint32_t i = 0; i < count; i++) {
         order[i] = i;
     }

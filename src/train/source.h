@@ -12,13 +12,13 @@
 
 /* All zeros mean the defaults. */
 typedef struct train_source_params {
-    const char *packed;      /* folder of shards (brace dataset pack); NULL: rendered */
-    const char *screens;     /* rendered: folder of pictures; NULL: those that ship with BRACE */
-    const char *priors;      /* rendered: JSON file; NULL: data/priors/default.json */
-    uint32_t width, height;  /* rendered: of the frames; 0: 1024x768 */
-    bool field;              /* rendered: the effects that the paper's synthetic set leaves out; the truth stays exact */
-    double test_share;       /* rendered: of the screens, kept for the test split; 0: a tenth */
-    bool test;               /* samples of the test split, which share no screen with the others */
+    const char *packed;     /* folder of shards (brace dataset pack); NULL: rendered */
+    const char *screens;    /* rendered: folder of pictures; NULL: those that ship with BRACE */
+    const char *priors;     /* rendered: JSON file; NULL: data/priors/default.json */
+    uint32_t width, height; /* rendered: of the frames; 0: 1024x768 */
+    bool field;             /* rendered: the effects that the paper's synthetic set leaves out; the truth stays exact */
+    double test_share;      /* rendered: of the screens, kept for the test split; 0: a tenth */
+    bool test;              /* samples of the test split, which share no screen with the others */
     int frames, side, crops; /* of a bracket; packed pixels of a crop; crops of a bracket. 0: 5, 128, 4 */
     bool turned;             /* crops are mirrored and transposed */
     uint64_t seed;
@@ -29,7 +29,7 @@ typedef struct train_source train_source;
 /* Reads what there is: all screens, or the headers of all shards. Strings are copied. */
 brace_status train_source_create(train_source **out, const train_source_params *params, const brace_job *job,
                                  brace_error *error);
-void train_source_destroy(train_source *source); /* NULL is allowed */
+void train_source_destroy(train_source *source);                               /* NULL is allowed */
 const train_source_params *train_source_params_of(const train_source *source); /* with the defaults filled in */
 size_t train_source_size(const train_source *source); /* brackets of a packed set; 0: endless */
 

@@ -56,7 +56,8 @@ static brace_status save_state(run *r, brace_error *error) {
     const train_state *s = &r->state;
     path_of(path, r, "checkpoint.safetensors");
     snprintf(step, sizeof step, "%llu", (unsigned long long)s->step);
-    snprintf(numbers, sizeof numbers, "%u %a %a %a %a %a %a", s->steps_summed, s->sums[0], s->sums[1], s->sums[2], s->sums[3], s->loss, s->psnr);
+    snprintf(numbers, sizeof numbers, "%u %a %a %a %a %a %a", s->steps_summed, s->sums[0], s->sums[1], s->sums[2],
+             s->sums[3], s->loss, s->psnr);
     char *config = json_dumps(r->config->json, JSON_COMPACT | JSON_SORT_KEYS);
     if (config == NULL) {
         return core_fail_memory(error, 4096, "the configuration");
@@ -92,10 +93,11 @@ static brace_status same_config(const run *r, const char *text, const char *path
     }
     brace_status status = BRACE_OK;
     if (old == NULL || now == NULL || differs != NULL) {
-        status = core_fail(error, BRACE_ERROR_MISMATCH,
-                           "%s: this run was begun with another configuration ('%s' differs); go on with the same one, or "
-                           "choose another folder",
-                           path, differs != NULL ? differs : "all of it");
+        status =
+            core_fail(error, BRACE_ERROR_MISMATCH,
+                      "%s: this run was begun with another configuration ('%s' differs); go on with the same one, or "
+                      "choose another folder",
+                      path, differs != NULL ? differs : "all of it");
     }
     json_decref(old);
     json_decref(now);
@@ -112,8 +114,8 @@ static brace_status load_state(run *r, const char *path, brace_error *error) {
     const char *step = core_safetensors_metadata(file, "step"), *numbers = core_safetensors_metadata(file, "numbers");
     unsigned long long n = 0;
     if (step == NULL || numbers == NULL || sscanf(step, "%llu", &n) != 1 || n > r->config->steps ||
-        sscanf(numbers, "%u %la %la %la %la %la %la", &s->steps_summed, &s->sums[0], &s->sums[1], &s->sums[2], &s->sums[3], &s->loss,
-               &s->psnr) != 7) {
+        sscanf(numbers, "%u %la %la %la %la %la %la", &s->steps_summed, &s->sums[0], &s->sums[1], &s->sums[2],
+               &s->sums[3], &s->loss, &s->psnr) != 7) {
         status = core_fail(error, BRACE_ERROR_FORMAT, "%s: no state of a training run", path);
     }
     s->step = n;
@@ -131,7 +133,8 @@ static brace_status begin_or_resume(run *r, bool resume, brace_error *error) {
     r->state.loss = r->state.psnr = NAN;
     if (there && !resume) {
         return core_fail(error, BRACE_ERROR_ARGUMENT,
-                         "%s: a run has been begun here; --resume goes on with it, or choose another folder", r->output);
+                         "%s: a run has been begun here; --resume goes on with it, or choose another folder",
+                         r->output);
     }
     if (resume && !there) {
         core_note(r->job, "%s: nothing to go on from is there; the run begins", r->output);
@@ -141,7 +144,8 @@ static brace_status begin_or_resume(run *r, bool resume, brace_error *error) {
         char *text = json_dumps(r->config->json, JSON_INDENT(4));
         core_file *file = NULL;
         path_of(path, r, "config.json");
-        status = text != NULL ? core_file_create(&file, path, error) : core_fail_memory(error, 4096, "the configuration");
+        status =
+            text != NULL ? core_file_create(&file, path, error) : core_fail_memory(error, 4096, "the configuration");
         if (status == BRACE_OK) {
             fprintf(core_file_stream(file), "%s\n", text);
             status = core_file_commit(file, error);
@@ -194,11 +198,12 @@ static brace_status end_epoch(run *r, brace_error *error) {
             }
             if (status == BRACE_OK) {
                 s->psnr = scores.psnr;
-                json_object_update_new(
-                    line, json_pack("{s:f,s:f,s:f,s:o,s:f,s:f,s:f}", "psnr", scores.psnr, "ssim", scores.ssim, "sfc",
-                                    scores.sfc, "validation_loss", number(scores.loss), "psnr_before", before->psnr,
-                                    "ssim_before", before->ssim, "sfc_before", before->sfc));
-                core_note(r->job, "epoch %llu of %d: loss %.5f, PSNR %.2f dB (before %.2f), SSIM %.4f (%.4f), SFC %.2f (%.2f)",
+                json_object_update_new(line, json_pack("{s:f,s:f,s:f,s:o,s:f,s:f,s:f}", "psnr", scores.psnr, "ssim",
+                                                       scores.ssim, "sfc", scores.sfc, "validation_loss",
+                                                       number(scores.loss), "psnr_before", before->psnr, "ssim_before",
+                                                       before->ssim, "sfc_before", before->sfc));
+                core_note(r->job,
+                          "epoch %llu of %d: loss %.5f, PSNR %.2f dB (before %.2f), SSIM %.4f (%.4f), SFC %.2f (%.2f)",
                           (unsigned long long)epoch, c->epochs, mean[0], scores.psnr, before->psnr, scores.ssim,
                           before->ssim, scores.sfc, before->sfc);
             }
@@ -283,14 +288,14 @@ static brace_status one_step(run *r, brace_error *error) {
     s->step++;
     if (r->first) {
         json_t *line = json_pack("{s:I,s:I,s:o,s:o,s:f,s:o,s:f,s:f,s:f}", "step", (json_int_t)s->step, "epoch",
-                                 (json_int_t)((s->step - 1) / c->epoch_steps + 1), "loss",
-                                 number((double)shared[0]), "l1", number((double)shared[1]),
-                                 "rate", rate, "norm", number(report.norm), "seconds",
+                                 (json_int_t)((s->step - 1) / c->epoch_steps + 1), "loss", number((double)shared[0]),
+                                 "l1", number((double)shared[1]), "rate", rate, "norm", number(report.norm), "seconds",
                                  core_seconds() - r->began, "waited", train_feed_waited(r->feed), "samples_per_second",
                                  (double)(s->step - r->began_at) * c->batch / fmax(core_seconds() - r->began, 1e-9));
         if (report.skipped) {
             json_object_set_new(line, "skipped", json_true());
-            core_note(r->job, "step %llu: the gradient is not finite; the step is left out", (unsigned long long)s->step);
+            core_note(r->job, "step %llu: the gradient is not finite; the step is left out",
+                      (unsigned long long)s->step);
         }
         status = train_log_add(&r->log, line, error);
     }

@@ -8,8 +8,8 @@
  *   weights.safetensors     the averaged weights as of the last validation: the result
  *   log.jsonl               an object a line: every step, every epoch
  *   plot.png, sheets/       loss and PSNR over the epochs; pictures of each validation
- * Every file is complete or not there. A run that was killed at any moment ends with the same weights, byte for byte, as
- * one that was not, on the same kind of processor with the same number of threads. docs/training.md has the rest.
+ * Every file is complete or not there. A run that was killed at any moment ends with the same weights, byte for byte,
+ * as one that was not, on the same kind of processor with the same number of threads. docs/training.md has the rest.
  */
 #ifndef TRAIN_TRAIN_H
 #define TRAIN_TRAIN_H
@@ -24,8 +24,8 @@
 /* ---- configuration (config.c) ---- */
 
 typedef struct train_config {
-    json_t *json;     /* all of it; strings below point into it */
-    const char *model; /* name of a network */
+    json_t *json;        /* all of it; strings below point into it */
+    const char *model;   /* name of a network */
     const char *initial; /* weights to begin with; NULL: random ones */
     uint64_t seed;
     train_source_params data;
@@ -34,8 +34,8 @@ typedef struct train_config {
     bool bf16;
     train_loss_params loss;
     nn_adamw optimizer;
-    nn_schedule schedule;      /* in steps */
-    uint64_t epoch_steps, steps; /* of all epochs */
+    nn_schedule schedule;                      /* in steps */
+    uint64_t epoch_steps, steps;               /* of all epochs */
     int validation_samples, validation_epochs; /* samples; epochs from one to the next */
     int checkpoint_steps;
 } train_config;
@@ -65,15 +65,15 @@ typedef struct train_model {
 typedef struct train_run_params {
     const train_model *model;
     const char *output;
-    bool resume;     /* goes on, or begins where there is nothing to go on from; false: a folder with a run is refused */
+    bool resume; /* goes on, or begins where there is nothing to go on from; false: a folder with a run is refused */
     nn_group *group; /* processes that train together; NULL: this one alone */
 } train_run_params;
 
 typedef struct train_result {
-    uint64_t steps;           /* done in all */
-    double seconds, waited;   /* of this call; waiting for samples */
-    uint64_t samples;         /* that this call learned from, in all processes */
-    double loss, psnr;        /* mean of the last epoch that was finished, and of the last validation; NaN: none */
+    uint64_t steps;         /* done in all */
+    double seconds, waited; /* of this call; waiting for samples */
+    uint64_t samples;       /* that this call learned from, in all processes */
+    double loss, psnr;      /* mean of the last epoch that was finished, and of the last validation; NaN: none */
 } train_result;
 
 /* BRACE_ERROR_CANCELLED when the job was: the state is saved then. Progress counts samples. `result` may be NULL. */
@@ -129,7 +129,7 @@ typedef struct train_log {
     struct train_epoch {
         uint64_t epoch;
         double loss, psnr; /* psnr NaN: not validated */
-    } *epoch;
+    } * epoch;
 } train_log;
 
 /* Opens it for appending; lines of steps after `step`, and those that are torn, are dropped first. */

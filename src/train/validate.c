@@ -28,7 +28,8 @@ static brace_status develop(brace_image **out, const float *packed, size_t strid
             mosaic[y * side + x] = isfinite(v) ? fmaxf(-1, fminf(v, 1)) : 0;
         }
     }
-    const brace_develop_params params = {.sample = BRACE_SAMPLE_F32, .transfer = BRACE_TRANSFER_SRGB, .as_stored = true};
+    const brace_develop_params params = {
+        .sample = BRACE_SAMPLE_F32, .transfer = BRACE_TRANSFER_SRGB, .as_stored = true};
     brace_status status = brace_develop_linear(out, mosaic, s->look, &params, job, error);
     core_free(mosaic);
     return status;

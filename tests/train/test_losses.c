@@ -41,7 +41,8 @@ static void begin(built *b, nn_type type, nn_shape shape) {
     *b = (built){0};
     ok(nn_weights_create(&b->weights, 1, &error), &error);
     const brace_job job = {.threads = 1};
-    ok(nn_graph_create(&b->g, b->weights, &(nn_graph_params){.type = type, .job = &job, .poison = true}, &error), &error);
+    ok(nn_graph_create(&b->g, b->weights, &(nn_graph_params){.type = type, .job = &job, .poison = true}, &error),
+       &error);
     b->raw = nn_input_grad(b->g, "raw", shape);
 }
 
@@ -89,8 +90,8 @@ static void test_encoding(void **state) {
         for (int i = 0; i < 8; i++) {
             const double zero = pow(0.001, 1 / 2.2), one = pow(1.001, 1 / 2.2);
             const double slope = kind == 0 ? pow(0.001, 1 / 2.2 - 1) / 2.2 / (one - zero) : 5000 / log(5001);
-            const double curve = kind == 0 ? (pow(x[i] + 0.001, 1 / 2.2) - zero) / (one - zero)
-                                           : log(1 + 5000 * x[i]) / log(5001);
+            const double curve =
+                kind == 0 ? (pow(x[i] + 0.001, 1 / 2.2) - zero) / (one - zero) : log(1 + 5000 * x[i]) / log(5001);
             assert_true(fabs(y[i] - (x[i] < 0 ? slope * x[i] : curve)) < 1e-9);
             assert_true(i == 0 || y[i] > y[i - 1]);
         }
@@ -320,8 +321,8 @@ static void test_total(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_encoding),  cmocka_unit_test(test_wavelet), cmocka_unit_test(test_isp),
-        cmocka_unit_test(test_msswd),     cmocka_unit_test(test_gradients), cmocka_unit_test(test_total),
+        cmocka_unit_test(test_encoding), cmocka_unit_test(test_wavelet),   cmocka_unit_test(test_isp),
+        cmocka_unit_test(test_msswd),    cmocka_unit_test(test_gradients), cmocka_unit_test(test_total),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -169,9 +169,10 @@ static void test_sample(void **state) {
             for (uint32_t x = 0; x < 2 * SIDE; x++) {
                 const uint32_t sx = x + 6, sy = y + 9;
                 const double black = (double)f->black[(sy & 1) * 2 + (sx & 1)];
-                const double v = ((double)f->data[sy * FRAME + sx] - black) / ((double)f->white - black) *
-                                 pow(4, 2 - order[k]);
-                const float *got = s.input + ((((size_t)k * SIDE + y / 2) * SIDE + x / 2) * 4 + (y & 1) * 2 + (x & 1)) * 2;
+                const double v =
+                    ((double)f->data[sy * FRAME + sx] - black) / ((double)f->white - black) * pow(4, 2 - order[k]);
+                const float *got =
+                    s.input + ((((size_t)k * SIDE + y / 2) * SIDE + x / 2) * 4 + (y & 1) * 2 + (x & 1)) * 2;
                 assert_true(fabs((double)got[0] - v) < 1e-5 * (1 + fabs(v)));
                 assert_true(fabs((double)got[1] - pow(fmax(v, 0), 1 / 2.2)) < 1e-4);
             }
@@ -199,8 +200,12 @@ static uint64_t digest(const train_sample *s) {
     const struct {
         const void *data;
         size_t size;
-    } parts[] = {{s->input, (size_t)s->frames * pixels * 32}, {s->truth, pixels * 16}, {s->descriptor, sizeof s->descriptor},
-                 {s->rho, sizeof s->rho}, {s->gains, sizeof s->gains}, {s->matrix, sizeof s->matrix}};
+    } parts[] = {{s->input, (size_t)s->frames * pixels * 32},
+                 {s->truth, pixels * 16},
+                 {s->descriptor, sizeof s->descriptor},
+                 {s->rho, sizeof s->rho},
+                 {s->gains, sizeof s->gains},
+                 {s->matrix, sizeof s->matrix}};
     for (size_t k = 0; k < sizeof parts / sizeof *parts; k++) {
         for (size_t i = 0; i < parts[k].size; i++) {
             h = (h ^ ((const uint8_t *)parts[k].data)[i]) * 1099511628211u;
@@ -238,7 +243,7 @@ static void check_source(const train_source_params *params) {
     }
     take(again, source, &(train_feed_params){.batch = 5, .step = 1}, 5);
     assert_memory_equal(all + 5, again, 5 * sizeof *all); /* begun later */
-    uint64_t part[2][4]; /* two processes: 3 and 2 of every batch */
+    uint64_t part[2][4];                                  /* two processes: 3 and 2 of every batch */
     take(part[0], source, &(train_feed_params){.batch = 5, .first = 0, .count = 3}, 4);
     take(part[1], source, &(train_feed_params){.batch = 5, .first = 3, .count = 2}, 4);
     assert_memory_equal(part[0], all, 3 * sizeof *all);
@@ -254,8 +259,8 @@ static void check_source(const train_source_params *params) {
     train_source_destroy(source);
 }
 
-static const train_source_params rendered = {.width = 96, .height = 96, .side = 16, .crops = 2, .turned = true, .seed = 3,
-                                             .test_share = 0.3};
+static const train_source_params rendered = {
+    .width = 96, .height = 96, .side = 16, .crops = 2, .turned = true, .seed = 3, .test_share = 0.3};
 
 static void test_rendered(void **state) {
     (void)state;
@@ -324,9 +329,10 @@ static void test_packed(void **state) {
 /* Shards whose texts say what cannot be. */
 static void test_damaged(void **state) {
     (void)state;
-    static const char good[] = "{\"cfa\":\"RGGB\",\"black\":[64,64,64,64],\"white\":1023,\"exposure_time\":%s,\"iso\":100,"
-                               "\"as_shot_neutral\":[0.5,1,0.6],\"color_matrix_1\":[1,0,0,0,1,0,0,0,1],"
-                               "\"illuminant_1\":21,\"color_matrix_2\":[0,0,0,0,0,0,0,0,0],\"illuminant_2\":0}";
+    static const char good[] =
+        "{\"cfa\":\"RGGB\",\"black\":[64,64,64,64],\"white\":1023,\"exposure_time\":%s,\"iso\":100,"
+        "\"as_shot_neutral\":[0.5,1,0.6],\"color_matrix_1\":[1,0,0,0,1,0,0,0,1],"
+        "\"illuminant_1\":21,\"color_matrix_2\":[0,0,0,0,0,0,0,0,0],\"illuminant_2\":0}";
     static const struct {
         const char *was, *is;
         uint64_t frames;
@@ -363,7 +369,8 @@ static void test_damaged(void **state) {
         ok(core_safetensors_create(&writer, path, 0, &error), &error);
         ok(core_safetensors_add_metadata(writer, "format", DATASET_FORMAT, &error), &error);
         ok(core_safetensors_add_metadata(writer, "a", text, &error), &error);
-        core_tensor t = {.name = "a/frames", .dtype = CORE_U16, .rank = 3, .shape = {cases[k].frames, 40, 40}, .data = pixels};
+        core_tensor t = {
+            .name = "a/frames", .dtype = CORE_U16, .rank = 3, .shape = {cases[k].frames, 40, 40}, .data = pixels};
         ok(core_safetensors_add(writer, &t, &error), &error);
         t = (core_tensor){.name = "a/gt", .dtype = CORE_U16, .rank = 2, .shape = {40, 40}, .data = pixels};
         ok(core_safetensors_add(writer, &t, &error), &error);

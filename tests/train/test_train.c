@@ -38,7 +38,8 @@ static nn_value small_network(const void *user, nn_graph *g, const train_inputs 
         parts[i] = nn_slice(g, in->frames, NN_AXIS_N, i, i + 1, 1);
     }
     const nn_value all = nn_concat(g, NN_AXIS_C, s.n, parts);
-    nn_value x = nn_conv2d(g, all, &(nn_conv){.name = "first", .out = 16, .kernel = 3, .pad = 1, .activation = NN_RELU});
+    nn_value x =
+        nn_conv2d(g, all, &(nn_conv){.name = "first", .out = 16, .kernel = 3, .pad = 1, .activation = NN_RELU});
     const nn_value rho = nn_mean(g, in->rho, true, false, false, false);
     x = nn_mul(g, x, nn_affine(g, rho, 1, 1));
     x = nn_conv2d(g, x, &(nn_conv){.name = "last", .out = 4, .kernel = 3, .pad = 1, .init = NN_INIT_HE_FAN_IN_TENTH});
@@ -174,7 +175,7 @@ static void test_killed(void **state) {
             run(&c, name, false, &stop, NULL, NULL);
             _exit(3);
         }
-        int status;
+        int status = 0;
         assert_true(child > 0 && waitpid(child, &status, 0) == child);
         assert_true(WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL);
     }
@@ -316,7 +317,8 @@ static void test_processes(void **state) {
     process p[2];
     pthread_t thread[2];
     for (int i = 0; i < 2; i++) {
-        p[i] = (process){.group = {.kind = &meeting_kind, .rank = i, .size = 2}, .config = &c, .output = in(path, "two", "")};
+        p[i] = (process){
+            .group = {.kind = &meeting_kind, .rank = i, .size = 2}, .config = &c, .output = in(path, "two", "")};
         assert_int_equal(pthread_create(&thread[i], NULL, process_main, &p[i]), 0);
     }
     for (int i = 0; i < 2; i++) {
@@ -335,11 +337,12 @@ static void test_learns(void **state) {
     (void)state;
     brace_error error = {0};
     char path[256], json[1024];
-    snprintf(json, sizeof json,
-             "{\"model\":\"small\",\"initial\":\"%s\",\"precision\":\"bf16\",\"batch\":4,\"epochs\":6,\"epoch_samples\":16,"
-             "\"data\":{\"width\":96,\"height\":96,\"crop\":32,\"crops\":8},\"optimizer\":{\"rate\":0.003,"
-             "\"warmup_epochs\":1},\"validation\":{\"samples\":0}}",
-             in(path, "whole", "weights.safetensors"));
+    snprintf(
+        json, sizeof json,
+        "{\"model\":\"small\",\"initial\":\"%s\",\"precision\":\"bf16\",\"batch\":4,\"epochs\":6,\"epoch_samples\":16,"
+        "\"data\":{\"width\":96,\"height\":96,\"crop\":32,\"crops\":8},\"optimizer\":{\"rate\":0.003,"
+        "\"warmup_epochs\":1},\"validation\":{\"samples\":0}}",
+        in(path, "whole", "weights.safetensors"));
     train_config c;
     ok(train_config_parse(&c, json, "test.json", &error), &error);
     ok(run(&c, "learns", false, NULL, NULL, &error), &error);
