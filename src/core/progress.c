@@ -23,6 +23,7 @@ struct core_bar {
     bool active; /* between a stage's first and last report */
     char stage[64];
     double started, shown;
+    uint64_t from; /* what was done at the start: by an earlier run that this one goes on with */
 };
 
 static double now(const core_bar *bar) {
@@ -76,12 +77,12 @@ static void format_rate(char *out, size_t size, double rate) {
 }
 
 /* The figures to the right of the bar: "45 %  12.3/s  0:03 left". */
-static void format_figures(char *out, size_t size, uint64_t done, uint64_t total, double elapsed) {
+static void format_figures(char *out, size_t size, uint64_t from, uint64_t done, uint64_t total, double elapsed) {
     char rate[32] = "", left[32] = "";
-    if (elapsed > 0 && done > 0) {
-        format_rate(rate, sizeof rate, (double)done / elapsed);
+    if (elapsed > 0 && done > from) {
+        format_rate(rate, sizeof rate, (double)(done - from) / elapsed);
         if (total > done) {
-            format_time(left, sizeof left, elapsed * (double)(total - done) / (double)done);
+            format_time(left, sizeof left, elapsed * (double)(total - done) / (double)(done - from));
         }
     }
     char head[32];
@@ -95,7 +96,7 @@ static void format_figures(char *out, size_t size, uint64_t done, uint64_t total
 
 static void draw(core_bar *bar, uint64_t done, uint64_t total, double elapsed) {
     char figures[128], line[256];
-    format_figures(figures, sizeof figures, done, total, elapsed);
+    format_figures(figures, sizeof figures, bar->from, done, total, elapsed);
     int width = columns(bar) - 1; /* the last column would wrap on some terminals */
     int room = width - (int)strlen(bar->stage) - (int)strlen(figures) - 5;
     if (room > 40) {
@@ -128,8 +129,8 @@ void core_bar_clear(core_bar *bar) {
 static void finish(core_bar *bar, uint64_t done, double elapsed) {
     core_bar_clear(bar);
     char rate[32] = "";
-    if (elapsed > 0) {
-        format_rate(rate, sizeof rate, (double)done / elapsed);
+    if (elapsed > 0 && done > bar->from) {
+        format_rate(rate, sizeof rate, (double)(done - bar->from) / elapsed);
     }
     fprintf(bar->params.out, "%s: done, %" PRIu64 " in %.1f s%s%s%s\n", bar->stage, done, elapsed, *rate ? " (" : "",
             rate, *rate ? ")" : "");
@@ -151,6 +152,7 @@ void core_bar_update(core_bar *bar, const char *stage, uint64_t done, uint64_t t
         snprintf(bar->stage, sizeof bar->stage, "%s", stage);
         bar->active = true;
         bar->started = bar->shown = t;
+        bar->from = done;
     }
     double elapsed = t - bar->started;
     if (total > 0 && done == total) {
@@ -166,7 +168,7 @@ void core_bar_update(core_bar *bar, const char *stage, uint64_t done, uint64_t t
         fflush(bar->params.out);
     } else if (t - bar->shown >= LINE_SECONDS) {
         char figures[128];
-        format_figures(figures, sizeof figures, done, total, elapsed);
+        format_figures(figures, sizeof figures, bar->from, done, total, elapsed);
         fprintf(bar->params.out, "%s: %s\n", bar->stage, figures + strspn(figures, " "));
         fflush(bar->params.out);
         bar->shown = t;

@@ -155,6 +155,10 @@ typedef brace_status dataset_make_fn(void *user, const dataset_task *task, const
                                      const brace_job *job, brace_error *error);
 /* The simulator (dataset_render.c). */
 dataset_make_fn dataset_render;
+/* The same without files: freed with sim_capture_free (simulate.h). */
+struct sim_capture;
+brace_status dataset_capture(struct sim_capture *out, const dataset_task *task, const brace_job *job,
+                             brace_error *error);
 
 typedef struct dataset_build_params {
     const char *screens;      /* folder of pictures; NULL: those that ship with BRACE */

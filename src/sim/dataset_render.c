@@ -3,9 +3,6 @@
  * dataset_render.c: one sample of a set out of the simulator: its screen on its
  * display before its camera, the scene sampled and then bent to the priors.
  */
-#include <stdlib.h>
-#include <string.h>
-
 #include "sim/data_path.h"
 #include "sim/dataset.h"
 #include "sim/dataset_priors.h"
@@ -30,15 +27,11 @@ static brace_status load_camera(sim_camera *out, const dataset_task *task, brace
     return status;
 }
 
-brace_status dataset_render(void *user, const dataset_task *task, const char *folder, json_t **meta,
-                            const brace_job *job, brace_error *error) {
-    (void)user;
-    *meta = NULL;
+brace_status dataset_capture(sim_capture *out, const dataset_task *task, const brace_job *job, brace_error *error) {
     brace_image *screen = NULL;
     sim_display *display = NULL;
     sim_camera camera;
-    sim_capture capture;
-    memset(&capture, 0, sizeof capture);
+    *out = (sim_capture){0};
     brace_status status = sim_screen_read(&screen, NULL, task->screen, job, error);
     if (status == BRACE_OK) {
         status = sim_display_load(&display, task->display, error);
@@ -52,17 +45,26 @@ brace_status dataset_render(void *user, const dataset_task *task, const char *fo
         scene.width = task->width;
         scene.height = task->height;
         dataset_priors_scene(&scene, task->priors, task->seed, task->sample);
-        status = sim_capture_create(&capture, screen, display, &camera, &scene, job, error);
+        status = sim_capture_create(out, screen, display, &camera, &scene, job, error);
     }
+    sim_display_destroy(display);
+    brace_image_destroy(screen);
+    return status;
+}
+
+brace_status dataset_render(void *user, const dataset_task *task, const char *folder, json_t **meta,
+                            const brace_job *job, brace_error *error) {
+    (void)user;
+    *meta = NULL;
+    sim_capture capture;
+    brace_status status = dataset_capture(&capture, task, job, error);
     if (status == BRACE_OK) {
         status = sim_capture_write(&capture, folder, &(brace_dng_params){.no_preview = true, .no_sync = true}, job, error);
         *meta = json_deep_copy(capture.meta);
         if (status == BRACE_OK && *meta == NULL) {
             status = core_fail_memory(error, 4096, "metadata");
         }
-        sim_capture_free(&capture);
     }
-    sim_display_destroy(display);
-    brace_image_destroy(screen);
+    sim_capture_free(&capture);
     return status;
 }

@@ -138,12 +138,29 @@ static void test_stages(void **state) {
     free(c.text);
 }
 
+/* Work that goes on where an earlier run stopped: rate and time left are those of this run. */
+static void test_resumed(void **state) {
+    (void)state;
+    capture c;
+    core_bar *bar = start(&c, false, false);
+    core_bar_update(bar, "training", 900, 1000);
+    clock_now += 20;
+    core_bar_update(bar, "training", 940, 1000);
+    clock_now += 30;
+    core_bar_update(bar, "training", 1000, 1000);
+    finish(&c, bar);
+    assert_non_null(strstr(c.text, "2.0/s  0:30 left"));
+    assert_non_null(strstr(c.text, "1000 in 50.0 s (2.0/s)"));
+    free(c.text);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_terminal),
         cmocka_unit_test(test_plain),
         cmocka_unit_test(test_quiet_and_notes),
         cmocka_unit_test(test_stages),
+        cmocka_unit_test(test_resumed),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

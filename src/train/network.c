@@ -1,0 +1,109 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* network.c: a network and its losses as one graph of one bracket; a batch is several runs that add gradients up. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/safetensors.h"
+#include "train/train.h"
+
+static const char own[] = "loss."; /* parameters of the losses: the directions of MS-SWD */
+
+brace_status train_network_create(train_network *out, const train_config *config, const train_model *model,
+                                  const brace_job *job, brace_error *error) {
+    *out = (train_network){0};
+    const int frames = config->data.frames, side = config->data.side;
+    brace_status status = nn_weights_create(&out->weights, config->seed, error);
+    if (status == BRACE_OK && config->initial != NULL) {
+        status = nn_weights_load(out->weights, config->initial, false, error);
+    }
+    if (status == BRACE_OK && config->loss.color > 0) { /* no file has these */
+        status = train_msswd_draw(out->weights, own, &config->loss.msswd, config->seed, error);
+    }
+    if (status == BRACE_OK) {
+        const nn_graph_params params = {.type = config->bf16 ? NN_BF16 : NN_F32, .job = job};
+        status = nn_graph_create(&out->graph, out->weights, &params, error);
+    }
+    if (status == BRACE_OK) {
+        nn_graph *g = out->graph;
+        out->inputs = (train_inputs){nn_input(g, "frames", (nn_shape){frames, side, side, 8}),
+                                     nn_input(g, "descriptors", (nn_shape){frames, 1, 1, 8}),
+                                     nn_input(g, "rho", (nn_shape){frames, 1, 1, 1})};
+        out->prediction = model->build(model->user, g, &out->inputs);
+        if (nn_type_of(g, out->prediction) == NN_BF16) {
+            out->prediction = nn_cast(g, out->prediction, NN_F32);
+        }
+        nn_output(g, "prediction", out->prediction);
+        out->loss = train_loss_build(g, out->weights, out->prediction, &config->loss);
+        status = nn_graph_plan(g, &(nn_plan_params){.loss = out->loss.total}, error);
+    }
+    if (status != BRACE_OK) {
+        train_network_destroy(out);
+    }
+    return status;
+}
+
+void train_network_destroy(train_network *network) {
+    nn_graph_destroy(network->graph);
+    nn_weights_destroy(network->weights);
+    *network = (train_network){0};
+}
+
+static void fill(nn_graph *g, nn_value v, const float *from) {
+    void *to = v != 0 ? nn_data(g, v) : NULL; /* NULL: the network has no use for it */
+    if (to != NULL) {
+        memcpy(to, from, nn_bytes(g, v));
+    }
+}
+
+brace_status train_network_run(train_network *n, const train_sample *sample, double parts[TRAIN_PARTS],
+                               brace_error *error) {
+    nn_graph *g = n->graph;
+    fill(g, n->inputs.frames, sample->input);
+    fill(g, n->inputs.descriptors, &sample->descriptor[0][0]);
+    fill(g, n->inputs.rho, sample->rho);
+    fill(g, n->loss.truth, sample->truth);
+    fill(g, n->loss.gains, sample->gains);
+    fill(g, n->loss.matrix, sample->matrix);
+    brace_status status = nn_forward(g, error);
+    const nn_value values[TRAIN_PARTS] = {n->loss.total, n->loss.l1, n->loss.wavelet, n->loss.color};
+    for (int i = 0; i < TRAIN_PARTS && status == BRACE_OK; i++) {
+        parts[i] = values[i] != 0 ? (double)*(const float *)nn_data(g, values[i]) : 0;
+    }
+    return status;
+}
+
+brace_status train_network_save(const train_network *n, const char *path, const train_config *config, uint64_t step,
+                                brace_error *error) {
+    char *text = json_dumps(config->json, JSON_COMPACT | JSON_SORT_KEYS), number[32];
+    if (text == NULL) {
+        return core_fail_memory(error, 4096, "the configuration");
+    }
+    snprintf(number, sizeof number, "%llu", (unsigned long long)step);
+    size_t reserve = 4096 + 2 * strlen(text);
+    for (size_t i = 0; i < nn_weights_count(n->weights); i++) {
+        reserve += 6 * strlen(nn_weights_at(n->weights, i)->name) + 256;
+    }
+    core_safetensors_writer *writer = NULL;
+    brace_status status = core_safetensors_create(&writer, path, reserve, error);
+    const char *const metadata[][2] = {{"model", config->model}, {"training", text}, {"steps", number}};
+    for (size_t i = 0; i < 3 && status == BRACE_OK; i++) {
+        status = core_safetensors_add_metadata(writer, metadata[i][0], metadata[i][1], error);
+    }
+    for (size_t i = 0; i < nn_weights_count(n->weights) && status == BRACE_OK; i++) {
+        const nn_parameter *p = nn_weights_at(n->weights, i);
+        core_tensor t = {.name = p->name, .dtype = CORE_F32, .rank = p->rank, .data = p->value};
+        for (int k = 0; k < p->rank; k++) {
+            t.shape[k] = (uint64_t)p->shape[k];
+        }
+        if (strncmp(p->name, own, sizeof own - 1) != 0) {
+            status = core_safetensors_add(writer, &t, error);
+        }
+    }
+    free(text);
+    if (status != BRACE_OK) {
+        core_safetensors_abort(writer);
+        return status;
+    }
+    return core_safetensors_commit(writer, error);
+}

@@ -1,0 +1,142 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* sample.c: from a bracket to what a network is shown of it. */
+#include "train/sample.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "brace/banding.h"
+#include "brace/develop.h"
+
+void train_bracket_set(train_bracket *b, int index, const brace_frame *f) {
+    train_view *view = index < 0 ? &b->truth : &b->frame[index];
+    *view = (train_view){.data = f->data, .cfa = f->cfa, .white = f->white};
+    memcpy(view->black, f->black, sizeof view->black);
+    if (index < 0) {
+        return;
+    }
+    b->width = f->width, b->height = f->height;
+    b->exposure[index] = f->exposure_time * f->iso;
+    memcpy(b->neutral, f->as_shot_neutral, sizeof b->neutral);
+    memcpy(b->color_matrix, f->color_matrix, sizeof b->color_matrix);
+    memcpy(b->illuminant, f->illuminant, sizeof b->illuminant);
+}
+
+static brace_status check_view(const train_view *v, const train_bracket *b, brace_error *error) {
+    if ((int)v->cfa < BRACE_CFA_RGGB || v->cfa > BRACE_CFA_BGGR || v->cfa != b->frame[0].cfa) {
+        return core_fail(error, BRACE_ERROR_MISMATCH, "its frames have different orders of colours");
+    }
+    for (int i = 0; i < 4; i++) {
+        if (!(v->black[i] >= 0 && v->black[i] < v->white && v->white <= 65535)) {
+            return core_fail(error, BRACE_ERROR_FORMAT, "black %g and white %g are no levels", (double)v->black[i],
+                             (double)v->white);
+        }
+    }
+    return BRACE_OK;
+}
+
+brace_status train_bracket_finish(train_bracket *b, brace_error *error) {
+    if (b->count < BRACE_BRACKET_MIN || b->count > BRACE_BRACKET_MAX) {
+        return core_fail(error, BRACE_ERROR_FORMAT, "a bracket has %d to %d frames, not %d", BRACE_BRACKET_MIN,
+                         BRACE_BRACKET_MAX, b->count);
+    }
+    b->reference = (b->count - 1) / 2;
+    brace_status status = check_view(&b->truth, b, error);
+    b->truth.gain = 1;
+    for (int i = 0; i < b->count && status == BRACE_OK; i++) {
+        status = check_view(&b->frame[i], b, error);
+        const double gain = b->exposure[b->reference] / b->exposure[i];
+        if (status == BRACE_OK && !(b->exposure[i] > 0 && gain > 1e-6 && gain < 1e6)) {
+            status = core_fail(error, BRACE_ERROR_FORMAT, "the exposure of frame %d is %g", i + 1, b->exposure[i]);
+        }
+        if (status == BRACE_OK && i > 0 && b->exposure[i] <= b->exposure[i - 1]) {
+            status = core_fail(error, BRACE_ERROR_FORMAT, "frame %d is not exposed longer than frame %d", i + 1, i);
+        }
+        b->frame[i].gain = (float)gain;
+    }
+    return status;
+}
+
+brace_status train_sample_create(train_sample *out, int frames, int side, brace_error *error) {
+    const size_t pixels = (size_t)side * (size_t)side;
+    *out = (train_sample){.frames = frames, .side = side};
+    out->input = core_calloc((size_t)frames * pixels * 8, sizeof *out->input);
+    out->truth = core_calloc(pixels * 4, sizeof *out->truth);
+    brace_status status =
+        out->input != NULL && out->truth != NULL
+            ? brace_frame_create(&out->look, 2 * (uint32_t)side, 2 * (uint32_t)side, BRACE_CFA_RGGB, error)
+            : core_fail_memory(error, (size_t)frames * pixels * 32, "a training sample");
+    if (status != BRACE_OK) {
+        train_sample_free(out);
+    }
+    return status;
+}
+
+void train_sample_free(train_sample *sample) {
+    core_free(sample->input);
+    core_free(sample->truth);
+    brace_frame_destroy(sample->look);
+    *sample = (train_sample){0};
+}
+
+static brace_status set_color(train_sample *out, const train_bracket *b, brace_error *error) {
+    memcpy(out->look->as_shot_neutral, b->neutral, sizeof b->neutral);
+    memcpy(out->look->color_matrix, b->color_matrix, sizeof b->color_matrix);
+    memcpy(out->look->illuminant, b->illuminant, sizeof b->illuminant);
+    out->look->white = 1;
+    brace_color color;
+    brace_status status = brace_color_init(&color, out->look, error);
+    for (int i = 0; i < 9 && status == BRACE_OK; i++) {
+        out->gains[i % 3] = (float)color.wb[i % 3];
+        out->matrix[3 * (i % 3) + i / 3] = (float)color.camera_to_srgb[i];
+    }
+    return status;
+}
+
+static brace_status measure(train_sample *out, int at, const float *packed, float *plane, bool shortest,
+                            brace_error *error) {
+    const size_t pixels = (size_t)out->side * (size_t)out->side;
+    const brace_job alone = {.threads = 1};
+    brace_fabp prior;
+    for (size_t i = 0; i < pixels; i++) {
+        plane[i] = 0.25f * (packed[4 * i] + packed[4 * i + 1] + packed[4 * i + 2] + packed[4 * i + 3]);
+    }
+    brace_status status =
+        brace_fabp_plane(&prior, plane, (uint32_t)out->side, (uint32_t)out->side, NULL, &alone, error);
+    if (status == BRACE_OK) {
+        memcpy(out->descriptor[at], prior.descriptor, sizeof prior.descriptor);
+        out->rho[at] = (float)prior.rho;
+        if (shortest) {
+            out->direction = brace_fabp_direction(&prior, 1);
+        }
+    }
+    return status;
+}
+
+brace_status train_sample_make(train_sample *out, const train_bracket *b, const train_window *window,
+                               brace_error *error) {
+    const size_t side = (size_t)out->side, pixels = side * side;
+    if (out->frames != b->count || b->width < 2 * side + 2 || b->height < 2 * side + 2) {
+        return core_fail(error, BRACE_ERROR_MISMATCH,
+                         "%d frames of %ux%u pixels; %d frames of at least %zu pixels a side are needed", b->count,
+                         b->width, b->height, out->frames, 2 * side + 2);
+    }
+    float *packed = core_alloc(pixels * 5, sizeof *packed);
+    if (packed == NULL) {
+        return core_fail_memory(error, pixels * 5 * sizeof *packed, "a training sample");
+    }
+    train_crop(out->truth, &b->truth, b->width, window, out->side);
+    brace_status status = set_color(out, b, error);
+    for (int i = 0; i < b->count && status == BRACE_OK; i++) {
+        const int at = i == b->reference ? 0 : i < b->reference ? i + 1 : i;
+        train_crop(packed, &b->frame[i], b->width, window, out->side);
+        float *to = out->input + (size_t)at * pixels * 8;
+        for (size_t k = 0; k < pixels * 4; k++) {
+            to[2 * k] = packed[k];
+            to[2 * k + 1] = packed[k] > 0 ? powf(packed[k], 1 / 2.2f) : 0;
+        }
+        status = measure(out, at, packed, packed + 4 * pixels, i == 0, error);
+    }
+    core_free(packed);
+    return status;
+}

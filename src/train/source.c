@@ -1,0 +1,211 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* source.c: which bracket and which crop of it sample i is; brackets out of the simulator. */
+#include "train/source.h"
+
+#include <limits.h>
+#include <string.h>
+
+#include "sim/data_path.h"
+#include "sim/dataset.h"
+#include "sim/dataset_priors.h"
+#include "sim/dataset_screens.h"
+#include "sim/simulate.h"
+
+enum { STREAM_WINDOW = 0x54520001, STREAM_ORDER };
+
+struct train_source {
+    train_source_params params;
+    char *packed_folder, *screens_folder, *priors_file; /* copies */
+    train_packed *packed;
+    dataset_screens screens;
+    dataset_priors *priors;
+};
+
+static brace_status copy(char **out, const char *text, brace_error *error) {
+    *out = text != NULL ? core_strdup(text) : NULL;
+    return text == NULL || *out != NULL ? BRACE_OK : core_fail_memory(error, strlen(text), "a name");
+}
+
+static brace_status open_simulator(train_source *s, const brace_job *job, brace_error *error) {
+    const train_source_params *p = &s->params;
+    char shipped[PATH_MAX];
+    const char *screens = p->screens;
+    brace_status status = dataset_priors_load(&s->priors, p->priors, error);
+    if (status == BRACE_OK && screens == NULL) {
+        screens = shipped;
+        status = sim_data_folder(shipped, "screens", error);
+    }
+    if (status == BRACE_OK) {
+        const uint32_t test = (uint32_t)(p->test_share * 10000 + 0.5);
+        status = dataset_screens_read(&s->screens, screens, 10000 - test, test, job, error);
+    }
+    return status;
+}
+
+brace_status train_source_create(train_source **out, const train_source_params *params, const brace_job *job,
+                                 brace_error *error) {
+    train_source *s = core_calloc(1, sizeof *s);
+    if (s == NULL) {
+        return core_fail_memory(error, sizeof *s, "a source of samples");
+    }
+    train_source_params *p = &s->params;
+    *p = *params;
+    p->width = p->width > 0 ? p->width : 1024;
+    p->height = p->height > 0 ? p->height : 768;
+    p->frames = p->frames > 0 ? p->frames : 5;
+    p->side = p->side > 0 ? p->side : 128;
+    p->crops = p->crops > 0 ? p->crops : 4;
+    p->test_share = p->test_share > 0 ? p->test_share : 0.1;
+    brace_status status = copy(&s->packed_folder, params->packed, error);
+    if (status == BRACE_OK) {
+        status = copy(&s->screens_folder, params->screens, error);
+    }
+    if (status == BRACE_OK) {
+        status = copy(&s->priors_file, params->priors, error);
+    }
+    p->packed = s->packed_folder, p->screens = s->screens_folder, p->priors = s->priors_file;
+    const uint32_t least = 2 * (uint32_t)p->side + 2;
+    if (status == BRACE_OK && p->packed == NULL &&
+        (p->width % 2 || p->height % 2 || p->width < least || p->height < least || p->width > 16384 ||
+         p->height > 16384)) {
+        status = core_fail(error, BRACE_ERROR_ARGUMENT,
+                           "frames of %ux%u: an even number of pixels from %u to 16384 is needed for crops of %d",
+                           p->width, p->height, least, p->side);
+    }
+    if (status == BRACE_OK) {
+        status = p->packed != NULL
+                     ? train_packed_open(&s->packed, p->packed, p->test ? "test" : "train", p->frames, error)
+                     : open_simulator(s, job, error);
+    }
+    if (status != BRACE_OK) {
+        train_source_destroy(s);
+        return status;
+    }
+    *out = s;
+    return BRACE_OK;
+}
+
+void train_source_destroy(train_source *s) {
+    if (s != NULL) {
+        train_packed_close(s->packed);
+        dataset_screens_free(&s->screens);
+        dataset_priors_destroy(s->priors);
+        core_free(s->packed_folder);
+        core_free(s->screens_folder);
+        core_free(s->priors_file);
+        core_free(s);
+    }
+}
+
+const train_source_params *train_source_params_of(const train_source *source) {
+    return &source->params;
+}
+
+size_t train_source_size(const train_source *source) {
+    return source->packed != NULL ? train_packed_count(source->packed) : 0;
+}
+
+/* All brackets once in random order, then again in another; those for tests as they come. */
+static brace_status pick(size_t *out, const train_source *s, uint64_t n, brace_error *error) {
+    const size_t count = train_packed_count(s->packed);
+    *out = (size_t)(n % count);
+    if (s->params.test) {
+        return BRACE_OK;
+    }
+    uint32_t *order = core_alloc(count, sizeof *order);
+    if (order == NULL) {
+        return core_fail_memory(error, count * sizeof *order, "the order of samples");
+    }
+    core_random r =
+        core_random_create(s->params.seed, (uint32_t)(n / count), (uint32_t)(n / count >> 32), STREAM_ORDER);
+    for (uint32_t i = 0; i < count; i++) {
+        order[i] = i;
+    }
+    for (uint32_t i = (uint32_t)count - 1; i > 0; i--) {
+        const uint32_t j = core_random_below(&r, i + 1), t = order[i];
+        order[i] = order[j];
+        order[j] = t;
+    }
+    *out = order[*out];
+    core_free(order);
+    return BRACE_OK;
+}
+
+static brace_status crops_of(const train_source *s, const train_bracket *bracket, uint64_t first, int count,
+                             train_sample *out, brace_error *error) {
+    brace_status status = BRACE_OK;
+    for (int k = 0; k < count && status == BRACE_OK; k++) {
+        const uint64_t i = first + (uint64_t)k;
+        core_random r = core_random_create(s->params.seed, (uint32_t)i, (uint32_t)(i >> 32),
+                                           s->params.test ? ~(uint32_t)STREAM_WINDOW : STREAM_WINDOW);
+        if (bracket->width < 2 * (uint32_t)s->params.side + 2 || bracket->height < 2 * (uint32_t)s->params.side + 2) {
+            return core_fail(error, BRACE_ERROR_MISMATCH, "frames of %ux%u pixels are too small for crops of %d pixels",
+                             bracket->width, bracket->height, 2 * s->params.side);
+        }
+        const train_window window = train_window_draw(&r, bracket, s->params.side, s->params.turned);
+        out[k].index = i;
+        status = train_sample_make(&out[k], bracket, &window, error);
+    }
+    return status;
+}
+
+static brace_status from_simulator(const train_source *s, uint64_t scene, uint64_t first, int count, train_sample *out,
+                                   const volatile int *cancel, brace_error *error) {
+    const train_source_params *p = &s->params;
+    uint32_t *scratch = core_alloc(s->screens.count, sizeof *scratch);
+    if (scratch == NULL) {
+        return core_fail_memory(error, s->screens.count * sizeof *scratch, "the order of screens");
+    }
+    const uint32_t number = (uint32_t)(scene % DATASET_TEST_SAMPLE);
+    const dataset_screen *screen = dataset_screens_pick(&s->screens, p->test, p->seed, number, scratch);
+    core_free(scratch);
+    dataset_task task = {.seed = p->seed,
+                         .sample = p->test ? DATASET_TEST_SAMPLE + number : number,
+                         .screen = screen->path,
+                         .width = p->width,
+                         .height = p->height,
+                         .field = p->field,
+                         .priors = s->priors};
+    dataset_draw draw;
+    dataset_priors_draw(&draw, s->priors, task.seed, task.sample);
+    task.display = draw.display, task.camera = draw.camera, task.flicker_free = draw.flicker_free;
+    sim_capture capture;
+    brace_status status = dataset_capture(&capture, &task, &(brace_job){.threads = 1, .cancel = cancel}, error);
+    if (status != BRACE_OK) {
+        if (status != BRACE_ERROR_CANCELLED) {
+            core_error_prefix(error, screen->path);
+        }
+        return status;
+    }
+    train_bracket bracket = {.count = capture.count};
+    for (int i = 0; i < capture.count; i++) {
+        train_bracket_set(&bracket, i, capture.frame[i]);
+    }
+    train_bracket_set(&bracket, -1, capture.exact != NULL ? capture.exact : capture.truth);
+    status = train_bracket_finish(&bracket, error);
+    if (status == BRACE_OK) {
+        status = crops_of(s, &bracket, first, count, out, error);
+    }
+    sim_capture_free(&capture);
+    return status;
+}
+
+brace_status train_source_get(const train_source *s, uint64_t first, int count, train_sample *out,
+                              const volatile int *cancel, brace_error *error) {
+    const uint64_t crops = (uint64_t)s->params.crops, scene = first / crops;
+    if (count < 1 || (first + (uint64_t)count - 1) / crops != scene) {
+        return core_fail(error, BRACE_ERROR_ARGUMENT, "samples of several brackets at once");
+    }
+    if (s->packed == NULL) {
+        return from_simulator(s, scene, first, count, out, cancel, error);
+    }
+    size_t index;
+    brace_status status = pick(&index, s, scene, error);
+    if (status == BRACE_OK) {
+        status = crops_of(s, train_packed_at(s->packed, index), first, count, out, error);
+        if (status != BRACE_OK) {
+            core_error_prefix(error, train_packed_name(s->packed, index));
+        }
+    }
+    return status;
+}
