@@ -317,12 +317,16 @@ static void test_processes(void **state) {
     process p[2];
     pthread_t thread[2];
     for (int i = 0; i < 2; i++) {
-        p[i] = (process){
-            .group = {.kind = &meeting_kind, .rank = i, .size = 2}, .config = &c, .output = in(path, "two", "")};
+        float *room = core_alloc(NN_GROUP_CHUNK, sizeof *room);
+        assert_non_null(room);
+        p[i] = (process){.group = {.kind = &meeting_kind, .rank = i, .size = 2, .room = room},
+                         .config = &c,
+                         .output = in(path, "two", "")};
         assert_int_equal(pthread_create(&thread[i], NULL, process_main, &p[i]), 0);
     }
     for (int i = 0; i < 2; i++) {
         pthread_join(thread[i], NULL);
+        core_free(p[i].group.room);
     }
     ok(p[0].status, &p[0].error);
     ok(p[1].status, &p[1].error);
