@@ -54,9 +54,10 @@ typedef struct nn_graph nn_graph;
 
 /* Parameters have PyTorch's names, shapes and order of elements ([out, in, kh, kw] for a convolution), so that
  * published checkpoints load unchanged; kernels repack them for themselves. */
+enum { NN_RANK_MAX = 5 };
 typedef struct nn_parameter {
     char *name;
-    int rank, shape[4];
+    int rank, shape[NN_RANK_MAX];
     size_t count;
     float *value, *grad; /* grad: NULL until a graph is planned for training */
     double *value64, *grad64; /* of NN_F64 graphs, NULL otherwise; value follows `value` when planned */
@@ -136,6 +137,7 @@ brace_status nn_forward(nn_graph *g, brace_error *error);
 /* After nn_forward, once: adds d loss/d parameter to each parameter's grad. `scale` multiplies the loss. */
 brace_status nn_backward(nn_graph *g, double scale, brace_error *error);
 
+nn_type nn_graph_type(const nn_graph *g);
 nn_shape nn_shape_of(const nn_graph *g, nn_value v);
 nn_type nn_type_of(const nn_graph *g, nn_value v);
 void *nn_data(nn_graph *g, nn_value v); /* inputs and outputs; NULL for others, whose buffers are shared */

@@ -83,7 +83,6 @@ nn_value nn_reject(nn_graph *g, const char *format, ...) __attribute__((format(p
 bool nn_usable(nn_graph *g, nn_value v); /* v is a value of g and no error is there yet */
 /* A parameter "scope.name", made or found; NULL after recording an error. fan_in is for the init. */
 nn_parameter *nn_parameter_get(nn_graph *g, const char *name, int rank, const int *shape, nn_init init, int fan_in);
-nn_type nn_graph_type(const nn_graph *g);
 
 static inline size_t nn_count(nn_shape s) {
     return (size_t)s.n * (size_t)s.h * (size_t)s.w * (size_t)s.c;

@@ -114,12 +114,12 @@ brace_status nn_weights_give(nn_weights *weights, const char *name, int rank, co
                              brace_error *error) {
     char a[64], b[64];
     size_t count = 1;
-    for (int i = 0; i < rank && rank <= 4; i++) {
+    for (int i = 0; i < rank && rank <= NN_RANK_MAX; i++) {
         if (shape[i] < 0 || __builtin_mul_overflow(count, (size_t)shape[i], &count)) {
-            rank = 5;
+            rank = NN_RANK_MAX + 1;
         }
     }
-    if (rank < 0 || rank > 4) {
+    if (rank < 0 || rank > NN_RANK_MAX) {
         return core_fail(error, BRACE_ERROR_UNSUPPORTED, "array '%s' has an impossible shape for weights", name);
     }
     nn_parameter *p = nn_weights_find(weights, name);
@@ -238,7 +238,7 @@ static nn_parameter *add_parameter(nn_weights *weights, const char *name, int ra
 nn_parameter *nn_parameter_get(nn_graph *g, const char *name, int rank, const int *shape, nn_init init, int fan_in) {
     char full[NN_SCOPE_LENGTH + 64], a[64], b[64];
     size_t count = 1;
-    bool possible = rank >= 0 && rank <= 4;
+    bool possible = rank >= 0 && rank <= NN_RANK_MAX;
     for (int i = 0; possible && i < rank; i++) {
         possible = shape[i] > 0 && !__builtin_mul_overflow(count, (size_t)shape[i], &count);
     }

@@ -9,7 +9,7 @@
 typedef struct nn_kept {
     struct nn_kept *next;
     char *name;
-    int rank, shape[4];
+    int rank, shape[NN_RANK_MAX];
     size_t count;
     float *value;
 } nn_kept;

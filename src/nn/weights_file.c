@@ -72,18 +72,18 @@ static bool is_real(core_dtype t) {
 }
 
 /* The shape as ours; false where it cannot be one. */
-static bool shape_of(const core_tensor *t, int shape[4]) {
-    for (int i = 0; i < t->rank && t->rank <= 4; i++) {
+static bool shape_of(const core_tensor *t, int shape[NN_RANK_MAX]) {
+    for (int i = 0; i < t->rank && t->rank <= NN_RANK_MAX; i++) {
         if (t->shape[i] > INT_MAX) {
             return false;
         }
         shape[i] = (int)t->shape[i];
     }
-    return t->rank <= 4;
+    return t->rank <= NN_RANK_MAX;
 }
 
 static brace_status give(nn_weights *weights, const core_tensor *t, const char *path, brace_error *error) {
-    int shape[4] = {0};
+    int shape[NN_RANK_MAX] = {0};
     const size_t count = t->size / core_dtype_size(t->dtype);
     if (!shape_of(t, shape)) {
         return BRACE_OK; /* nothing of ours can be that; missing it is noticed */
@@ -107,7 +107,7 @@ static brace_status check(const nn_weights *weights, const core_safetensors *fil
     for (size_t i = 0; i < weights->count; i++) {
         const nn_parameter *p = weights->items[i];
         const core_tensor *t = core_safetensors_find(file, p->name);
-        int shape[4] = {0};
+        int shape[NN_RANK_MAX] = {0};
         if (t == NULL && partial) {
             continue;
         }
@@ -118,7 +118,7 @@ static brace_status check(const nn_weights *weights, const core_safetensors *fil
         if (!shape_of(t, shape) || !nn_same_shape(t->rank, shape, p->rank, p->shape)) {
             return core_fail(error, BRACE_ERROR_MISMATCH,
                              "%s: the weights '%s' are %s, but the network's are %s; they belong to another network",
-                             path, p->name, nn_shape_text(a, sizeof a, t->rank <= 4 ? t->rank : 0, shape),
+                             path, p->name, nn_shape_text(a, sizeof a, t->rank <= NN_RANK_MAX ? t->rank : 0, shape),
                              nn_shape_text(b, sizeof b, p->rank, p->shape));
         }
     }

@@ -1,0 +1,150 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * tmrnet.c: temporally modulated recurrent aggregation of a bracket (Zhang et al., BracketIRE), and BRACE, which is the
+ * same with MSCAM (mscam.c).
+ *
+ *   f_i = extract(frame i)                                               i = 0: the reference
+ *   f_i = deform(f_i; offsets(warp(f_i), f_0, flow_i) + flow_i, mask)    i > 0
+ *   f   = MSCAM(f)                                                       BRACE
+ *   h   = h + B(f_0, f_i, h);  h = h + R_i(f_0, f_i, h) gate_i           one frame after another, h = 0 at first
+ *   result = tail(f_0, h, reference)
+ *
+ * Small networks work at half the packed resolution (unshuffle), take the flow as an input and end in a blend:
+ *
+ *   y = a_0 v_0 + sum_i m_i a_i (v_i - v_0) + b,  result = sign(y) |y|^2.2
+ *
+ * where v are the frames under the gamma curve, moved by the flow, m_i falls to 0 where frame i clips, and a and b are
+ * maps of the last convolution, which begin as a_0 = 1 and 0 else: the network begins as the reference, and steady
+ * light needs nothing else.
+ */
+#include "models/models.h"
+
+static const double gamma_curve = 2.2;
+
+/* The mean of unshuffle x unshuffle flows, in feature pixels. */
+static nn_value coarser(nn_graph *g, nn_value flow, int by) {
+    return by == 1 ? flow : nn_affine(g, nn_average_pool(g, flow, by, by), 1.0 / by, 0);
+}
+
+static nn_value unshuffle(nn_graph *g, nn_value x, int by) {
+    return by == 1 ? x : nn_pixel_unshuffle(g, x, by);
+}
+
+/* {n, h, w, 8} to R, mean G, B under the gamma curve, as SPyNet is shown them. */
+static nn_value look(nn_graph *g, nn_value frames) {
+    nn_value c[4];
+    for (int i = 0; i < 4; i++) {
+        c[i] = nn_slice(g, frames, NN_AXIS_C, 2 * i, 2 * i + 1, 1);
+    }
+    const nn_value green = nn_affine(g, nn_add(g, c[1], c[2]), 0.5, 0);
+    const nn_value rgb = nn_concat(g, NN_AXIS_C, 3, (nn_value[]){c[0], green, c[3]});
+    return nn_pow(g, nn_clamp(g, rgb, 0, 1), 1 / gamma_curve);
+}
+
+static nn_value others(nn_graph *g, nn_value x) {
+    return nn_slice(g, x, NN_AXIS_N, 1, nn_shape_of(g, x).n, 1);
+}
+
+static nn_value repeat_first(nn_graph *g, nn_value x) {
+    return nn_repeat(g, nn_slice(g, x, NN_AXIS_N, 0, 1, 1), NN_AXIS_N, nn_shape_of(g, x).n - 1);
+}
+
+/* Features of all frames at the reference's pose. */
+static nn_value align(nn_graph *g, const models_shape *shape, nn_value features, nn_value flow) {
+    const nn_value moved = others(g, features), reference = repeat_first(g, features);
+    const nn_type type = nn_type_of(g, features), exact = nn_type_of(g, flow);
+    const int taps = 9 * shape->groups;
+    nn_value x = nn_concat(g, NN_AXIS_C, 3,
+                           (nn_value[]){nn_warp(g, moved, flow, NN_ZERO), reference, nn_cast(g, flow, type)});
+    nn_push(g, "dcn_alignment");
+    for (int i = 0; i <= shape->offset; i++) {
+        char name[32];
+        const bool last = i == shape->offset;
+        snprintf(name, sizeof name, "conv_offset.%d", 2 * i);
+        x = nn_conv2d(g, x, &(nn_conv){.name = name, .out = last ? 3 * taps : shape->channels, .kernel = 3, .pad = 1,
+                                       .activation = last ? NN_LINEAR : NN_LEAKY_RELU, .f32_result = last,
+                                       .init = last ? NN_INIT_ZERO : NN_INIT_UNIFORM_FAN_IN});
+    }
+    const nn_value residual = nn_activate(g, nn_slice(g, x, NN_AXIS_C, 0, 2 * taps, 1), NN_TANH);
+    const nn_value mask = nn_activate(g, nn_slice(g, x, NN_AXIS_C, 2 * taps, 3 * taps, 1), NN_SIGMOID);
+    const nn_value there = nn_repeat(g, nn_flip(g, flow, NN_AXIS_C), NN_AXIS_C, taps); /* (dy, dx) of each tap */
+    const nn_value offset = nn_add(g, nn_affine(g, residual, 10, 0), there);
+    const nn_value aligned =
+        nn_deform_conv2d(g, moved, nn_cast(g, offset, exact), nn_cast(g, mask, exact),
+                         &(nn_deform){.name = "deform_conv", .out = shape->channels, .pad = 1, .dilation = 1,
+                                      .offset_groups = shape->groups, .weight_groups = shape->groups,
+                                      .init = NN_INIT_UNIFORM_FAN_IN});
+    nn_pop(g);
+    return nn_concat(g, NN_AXIS_N, 2, (nn_value[]){nn_slice(g, features, NN_AXIS_N, 0, 1, 1), aligned});
+}
+
+static nn_value aggregate(nn_graph *g, const models_shape *shape, nn_value features) {
+    const int c = shape->channels;
+    const nn_value base = nn_slice(g, features, NN_AXIS_N, 0, 1, 1);
+    const nn_value gates = nn_param(g, "learn_para", (nn_shape){shape->frames, 1, 1, c}, 5,
+                                    (const int[]){1, shape->frames, c, 1, 1}, NN_INIT_ZERO);
+    nn_value h = nn_affine(g, base, 0, 0);
+    for (int i = 0; i < shape->frames; i++) {
+        char name[32];
+        const nn_value f = nn_slice(g, features, NN_AXIS_N, i, i + 1, 1);
+        nn_value x = nn_concat(g, NN_AXIS_C, 3, (nn_value[]){base, f, h});
+        h = nn_add(g, h, models_residual_blocks(g, "backbone.backward", x, c, shape->global));
+        x = nn_concat(g, NN_AXIS_C, 3, (nn_value[]){base, f, h});
+        snprintf(name, sizeof name, "backbone.backward_rec_%d", i + 1);
+        x = models_residual_blocks(g, name, x, c, shape->frame);
+        h = nn_add(g, h, nn_mul(g, x, nn_slice(g, gates, NN_AXIS_N, i, i + 1, 1)));
+    }
+    return nn_concat(g, NN_AXIS_C, 2, (nn_value[]){base, h});
+}
+
+/* y of the header, from maps {1, h, w, 4 frames + 4}. */
+static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, const models_inputs *in, nn_value flow) {
+    const nn_value all = nn_slice(g, in->frames, NN_AXIS_C, 1, 8, 2), first = nn_slice(g, all, NN_AXIS_N, 0, 1, 1);
+    const nn_value moved = nn_warp(g, others(g, all), others(g, flow), NN_REPLICATE);
+    /* 1 up to 0.8 of white, in this curve, 0 from 0.95 on. */
+    const nn_value white = nn_pow(g, others(g, in->white), 1 / gamma_curve);
+    const nn_value trust = nn_clamp(g, nn_affine(g, nn_div(g, moved, white), -1 / 0.15, 0.95 / 0.15), 0, 1);
+    const nn_value more = nn_mul(g, nn_sub(g, moved, first), trust);
+    nn_value y = nn_mul(g, first, nn_affine(g, nn_slice(g, maps, NN_AXIS_C, 0, 4, 1), 1, 1));
+    for (int i = 1; i < shape->frames; i++) {
+        const nn_value share = nn_slice(g, maps, NN_AXIS_C, 4 * i, 4 * i + 4, 1);
+        y = nn_add(g, y, nn_mul(g, nn_slice(g, more, NN_AXIS_N, i - 1, i, 1), share));
+    }
+    y = nn_add(g, y, nn_slice(g, maps, NN_AXIS_C, 4 * shape->frames, 4 * shape->frames + 4, 1));
+    return nn_mul(g, y, nn_pow(g, nn_abs(g, y), gamma_curve - 1));
+}
+
+nn_value models_build(nn_graph *g, const models_shape *shape, const models_inputs *in) {
+    const nn_shape s = nn_shape_of(g, in->frames);
+    const int by = shape->unshuffle, c = shape->channels;
+    const nn_type exact = nn_type_of(g, in->frames);
+    nn_value flow = in->flow;
+    if (shape->spynet) {
+        const nn_value seen = look(g, in->frames);
+        flow = models_spynet(g, repeat_first(g, seen), others(g, seen));
+        if (shape->blend) { /* none for the reference */
+            flow = nn_concat(g, NN_AXIS_N, 2,
+                             (nn_value[]){nn_affine(g, nn_slice(g, flow, NN_AXIS_N, 0, 1, 1), 0, 0), flow});
+        }
+    }
+    const nn_value flow_others = nn_shape_of(g, flow).n == s.n ? others(g, flow) : flow;
+    const nn_value packed = unshuffle(g, in->frames, by);
+    /* Linear as published; blends are made under the gamma curve. */
+    const nn_value first = nn_slice(g, nn_slice(g, in->frames, NN_AXIS_N, 0, 1, 1), NN_AXIS_C, shape->blend ? 1 : 0, 8, 2);
+    nn_value f = models_residual_blocks(g, "feat_extract", nn_cast(g, packed, nn_graph_type(g)), c, shape->extract);
+    f = align(g, shape, f, coarser(g, flow_others, by));
+    f = shape->mscam ? models_mscam(g, shape, f, in) : f;
+    f = models_residual_blocks(g, "reconstruction", aggregate(g, shape, f), c, shape->reconstruct);
+
+    const int result = shape->blend ? 4 * shape->frames + 4 : 4;
+    f = nn_conv2d(g, nn_cast(g, unshuffle(g, first, by), nn_graph_type(g)),
+                  &(nn_conv){.name = "skipup1.upsample_conv", .out = c, .kernel = 3, .pad = 1, .residual = f,
+                             .init = NN_INIT_HE_FAN_IN});
+    f = nn_conv2d(g, f, &(nn_conv){.name = "conv_hr", .out = c, .kernel = 3, .pad = 1, .activation = NN_LEAKY_RELU,
+                                   .init = NN_INIT_UNIFORM_FAN_IN});
+    f = nn_conv2d(g, f, &(nn_conv){.name = "conv_last", .out = result * by * by, .kernel = 3, .pad = 1,
+                                   .f32_result = true, .zero_bias = shape->blend,
+                                   .init = shape->blend ? NN_INIT_ZERO : NN_INIT_UNIFORM_FAN_IN});
+    f = nn_cast(g, by == 1 ? f : nn_pixel_shuffle(g, f, by), exact);
+    return shape->blend ? blend(g, shape, f, in, flow) : f;
+}
