@@ -16,6 +16,7 @@ static const cli_command commands[] = {
     {"metrics", "how far pictures are from the truth: PSNR, SSIM, MS-SWD, LPIPS, DISTS, SFC", cli_metrics},
     {"simulate", "photographs of a display: a screenshot in, a bracket of RAW frames out", cli_simulate},
     {"dataset", "training sets: build, pack, verify, info, import", cli_dataset},
+    {"train", "learn a network's weights from a configuration", cli_train},
     {"bench", "how fast BRACE is on this computer", cli_bench},
 };
 enum { COMMANDS = sizeof commands / sizeof commands[0] };

@@ -59,6 +59,16 @@ void restore_pyramid_destroy(restore_pyramid *pyramid);
 void restore_align(restore_motion *out, const restore_pyramid *reference, const restore_pyramid *moved,
                    core_pool *pool);
 
+/* motion.c: the displacement at (x, y) of a picture of that size: its local part alone (there must be one), and all. */
+void restore_motion_local(const restore_motion *motion, double x, double y, size_t width, size_t height, double *dx,
+                          double *dy);
+void restore_motion_at(const restore_motion *motion, double x, double y, size_t width, size_t height, double *dx,
+                       double *dy);
+/* The motions of all frames of a bracket, which have one size; none for the reference and for those that are not
+ * found. */
+brace_status restore_motions(restore_motion *out, const brace_frame *const *frames, size_t count, size_t reference,
+                             core_pool *pool, const brace_job *job, brace_error *error);
+
 /* warp.c: one frame as seen from the reference's pose, in units of the
  * reference's exposure, with a trust in [0, 255] a sample that falls to 0
  * where the samples it is interpolated from clip or lie outside. */

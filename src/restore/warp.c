@@ -30,21 +30,6 @@ static void warp_store(restore_view *view, size_t index, v4 value, v4 brightest)
         view->trust[4 * index + (size_t)c] = warp_trust(brightest[c]);
 }
 
-/* The local displacement along row y at column x. */
-static void warp_local(const restore_motion *m, double x, double y, size_t width, size_t height, double *dx,
-                       double *dy) {
-    double gx = x / (double)width * m->columns - 0.5, gy = y / (double)height * m->rows - 0.5;
-    gx = gx < 0 ? 0 : gx > m->columns - 1 ? m->columns - 1 : gx;
-    gy = gy < 0 ? 0 : gy > m->rows - 1 ? m->rows - 1 : gy;
-    int ix = (int)gx, iy = (int)gy;
-    int jx = ix + 1 < m->columns ? ix + 1 : ix, jy = iy + 1 < m->rows ? iy + 1 : iy;
-    double fx = gx - ix, fy = gy - iy;
-    double w00 = (1 - fx) * (1 - fy), w01 = fx * (1 - fy), w10 = (1 - fx) * fy, w11 = fx * fy;
-    int a = iy * m->columns + ix, b = iy * m->columns + jx, c = jy * m->columns + ix, d = jy * m->columns + jx;
-    *dx = w00 * m->dx[a] + w01 * m->dx[b] + w10 * m->dx[c] + w11 * m->dx[d];
-    *dy = w00 * m->dy[a] + w01 * m->dy[b] + w10 * m->dy[c] + w11 * m->dy[d];
-}
-
 static void warp_weights(float t, float w[4]) {
     float t2 = t * t, t3 = t2 * t;
     w[0] = 0.5f * (-t3 + 2 * t2 - t);
@@ -67,8 +52,8 @@ static void warp_rows(void *arg, size_t begin, size_t end, int worker) {
             /* The local part is smooth: exact every 16 pixels, linear between. */
             if (m->columns > 0 && (x & 15) == 0) {
                 double next_x, next_y;
-                warp_local(m, (double)x, (double)y, width, height, &local_x, &local_y);
-                warp_local(m, (double)x + 16, (double)y, width, height, &next_x, &next_y);
+                restore_motion_local(m, (double)x, (double)y, width, height, &local_x, &local_y);
+                restore_motion_local(m, (double)x + 16, (double)y, width, height, &next_x, &next_y);
                 step_x = (next_x - local_x) / 16;
                 step_y = (next_y - local_y) / 16;
             }

@@ -5,12 +5,28 @@
 #include "sim/json_check.h"
 #include "train/train.h"
 
+static void read_network(train_config *c, const json_at *root) {
+    json_at network;
+    c->known = models_shape_named(&c->shape, c->model);
+    if (json_check_object(root, "network", &network)) {
+        if (c->known) {
+            models_shape_read(&c->shape, &network);
+        } else {
+            json_check_fail(root, "network", "there is nothing to change: \"%s\" is none of %s", c->model, models_names);
+        }
+    }
+}
+
 static void read_data(train_config *c, const json_at *root) {
     static const char *const keys[] = {"packed",     "screens", "priors", "width",   "height",  "field",
-                                       "test_share", "crop",    "crops",  "augment", "threads", NULL};
+                                       "test_share", "crop",    "crops",  "augment", "transpose", "threads", NULL};
     json_at data;
     train_source_params *d = &c->data;
-    d->frames = 5, d->side = 128, d->crops = 4, d->turned = true, d->seed = c->seed;
+    d->frames = 5, d->side = 128, d->crops = 4, d->mirrored = d->transposed = true, d->seed = c->seed;
+    d->align = c->known && !c->shape.spynet;
+    if (c->known) {
+        d->frames = c->shape.frames;
+    }
     c->data_threads = 1;
     if (!json_check_object(root, "data", &data)) {
         return; /* rendered, of the screens that are there */
@@ -28,7 +44,8 @@ static void read_data(train_config *c, const json_at *root) {
     d->test_share = json_check_number(&data, "test_share", 0.001, 0.9, 0.1);
     d->side = (int)json_check_integer(&data, "crop", 16, 1024, 128);
     d->crops = (int)json_check_integer(&data, "crops", 1, 64, 4);
-    d->turned = json_check_bool(&data, "augment", true);
+    d->mirrored = json_check_bool(&data, "augment", true);
+    d->transposed = json_check_bool(&data, "transpose", true) && d->mirrored;
     c->data_threads = (int)json_check_integer(&data, "threads", 1, 64, 1);
     if (d->side % 16 != 0) {
         json_check_fail(&data, "crop", "%d is no multiple of 16", d->side);
@@ -91,7 +108,7 @@ static void read_optimizer(train_config *c, const json_at *root) {
 static void read_all(train_config *c, const json_at *root) {
     static const char *const keys[] = {
         "description",   "model", "initial",   "seed",       "precision",        "data", "batch", "epochs",
-        "epoch_samples", "loss",  "optimizer", "validation", "checkpoint_steps", NULL};
+        "epoch_samples", "network", "loss",  "optimizer", "validation", "checkpoint_steps", NULL};
     static const char *const precisions[] = {"f32", "bf16", NULL};
     json_check_only(root, keys);
     json_check_string(root, "description", 4096, "");
@@ -107,6 +124,7 @@ static void read_all(train_config *c, const json_at *root) {
     const uint64_t batch = c->batch > 0 ? (uint64_t)c->batch : 1;
     c->epoch_steps = ((uint64_t)c->epoch_samples + batch - 1) / batch;
     c->steps = c->epoch_steps * (uint64_t)c->epochs;
+    read_network(c, root);
     read_data(c, root);
     read_loss(c, root);
     read_optimizer(c, root);

@@ -17,9 +17,10 @@ static uint32_t positions(uint32_t *first, uint32_t n, uint32_t side, uint32_t r
     return (high - *first) / 2 + 1;
 }
 
-train_window train_window_draw(core_random *random, const train_bracket *bracket, int side, bool turned) {
+train_window train_window_draw(core_random *random, const train_bracket *bracket, int side, bool mirrored,
+                               bool transposed) {
     const brace_cfa cfa = bracket->frame[0].cfa;
-    const uint32_t turn = turned ? core_random_below(random, 8) : 0;
+    const uint32_t turn = (mirrored ? core_random_below(random, 4) : 0) + (transposed ? 4 * core_random_below(random, 2) : 0);
     train_window out = {.flip_x = turn & 1, .flip_y = turn & 2, .transpose = turn & 4};
     uint32_t first;
     const uint32_t columns =

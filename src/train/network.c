@@ -12,6 +12,9 @@ static const char own[] = "loss."; /* parameters of the losses: the directions o
 brace_status train_network_create(train_network *out, const train_config *config, const train_model *model,
                                   const brace_job *job, brace_error *error) {
     *out = (train_network){0};
+    if (model == NULL && !config->known) {
+        return core_fail(error, BRACE_ERROR_ARGUMENT, "model: \"%s\" is none of %s", config->model, models_names);
+    }
     const int frames = config->data.frames, side = config->data.side;
     brace_status status = nn_weights_create(&out->weights, config->seed, error);
     if (status == BRACE_OK && config->initial != NULL) {
@@ -26,10 +29,13 @@ brace_status train_network_create(train_network *out, const train_config *config
     }
     if (status == BRACE_OK) {
         nn_graph *g = out->graph;
-        out->inputs = (train_inputs){nn_input(g, "frames", (nn_shape){frames, side, side, 8}),
-                                     nn_input(g, "descriptors", (nn_shape){frames, 1, 1, 8}),
-                                     nn_input(g, "rho", (nn_shape){frames, 1, 1, 1})};
-        out->prediction = model->build(model->user, g, &out->inputs);
+        out->inputs = (models_inputs){nn_input(g, "frames", (nn_shape){frames, side, side, 8}),
+                                      nn_input(g, "flow", (nn_shape){frames, side, side, 2}),
+                                      nn_input(g, "white", (nn_shape){frames, 1, 1, 1}),
+                                      nn_input(g, "descriptors", (nn_shape){frames, 1, 1, 8}),
+                                      nn_input(g, "rho", (nn_shape){frames, 1, 1, 1})};
+        out->prediction = model != NULL ? model->build(model->user, g, &out->inputs)
+                                        : models_build(g, &config->shape, &out->inputs);
         if (nn_type_of(g, out->prediction) == NN_BF16) {
             out->prediction = nn_cast(g, out->prediction, NN_F32);
         }
@@ -60,6 +66,8 @@ brace_status train_network_run(train_network *n, const train_sample *sample, dou
                                brace_error *error) {
     nn_graph *g = n->graph;
     fill(g, n->inputs.frames, sample->input);
+    fill(g, n->inputs.flow, sample->flow);
+    fill(g, n->inputs.white, sample->white);
     fill(g, n->inputs.descriptors, &sample->descriptor[0][0]);
     fill(g, n->inputs.rho, sample->rho);
     fill(g, n->loss.truth, sample->truth);
@@ -76,18 +84,23 @@ brace_status train_network_run(train_network *n, const train_sample *sample, dou
 brace_status train_network_save(const train_network *n, const char *path, const train_config *config, uint64_t step,
                                 brace_error *error) {
     char *text = json_dumps(config->json, JSON_COMPACT | JSON_SORT_KEYS), number[32];
-    if (text == NULL) {
+    json_t *shape = config->known ? models_shape_json(&config->shape) : json_object();
+    char *network = json_dumps(shape, JSON_COMPACT);
+    json_decref(shape);
+    if (text == NULL || network == NULL) {
+        free(text);
+        free(network);
         return core_fail_memory(error, 4096, "the configuration");
     }
     snprintf(number, sizeof number, "%llu", (unsigned long long)step);
-    size_t reserve = 4096 + 2 * strlen(text);
+    size_t reserve = 4096 + 2 * (strlen(text) + strlen(network));
     for (size_t i = 0; i < nn_weights_count(n->weights); i++) {
         reserve += 6 * strlen(nn_weights_at(n->weights, i)->name) + 256;
     }
     core_safetensors_writer *writer = NULL;
     brace_status status = core_safetensors_create(&writer, path, reserve, error);
-    const char *const metadata[][2] = {{"model", config->model}, {"training", text}, {"steps", number}};
-    for (size_t i = 0; i < 3 && status == BRACE_OK; i++) {
+    const char *const metadata[][2] = {{"model", config->model}, {"network", network}, {"training", text}, {"steps", number}};
+    for (size_t i = 0; i < 4 && status == BRACE_OK; i++) {
         status = core_safetensors_add_metadata(writer, metadata[i][0], metadata[i][1], error);
     }
     for (size_t i = 0; i < nn_weights_count(n->weights) && status == BRACE_OK; i++) {
@@ -101,6 +114,7 @@ brace_status train_network_save(const train_network *n, const char *path, const 
         }
     }
     free(text);
+    free(network);
     if (status != BRACE_OK) {
         core_safetensors_abort(writer);
         return status;

@@ -16,6 +16,8 @@ void train_bracket_set(train_bracket *b, int index, const brace_frame *f) {
         return;
     }
     b->width = f->width, b->height = f->height;
+    b->seen[index] = *f;
+    b->seen[index].path = NULL, b->seen[index].tags = NULL;
     b->exposure[index] = f->exposure_time * f->iso;
     memcpy(b->neutral, f->as_shot_neutral, sizeof b->neutral);
     memcpy(b->color_matrix, f->color_matrix, sizeof b->color_matrix);
@@ -57,15 +59,32 @@ brace_status train_bracket_finish(train_bracket *b, brace_error *error) {
     return status;
 }
 
+brace_status train_bracket_align(train_bracket *b, const volatile int *cancel, brace_error *error) {
+    const brace_frame *frames[BRACE_BRACKET_MAX];
+    core_pool *pool = NULL;
+    for (int i = 0; i < b->count; i++) {
+        frames[i] = &b->seen[i];
+    }
+    const brace_job job = {.threads = 1, .cancel = cancel};
+    brace_status status = core_pool_create(&pool, &job, error);
+    if (status == BRACE_OK) {
+        status = restore_motions(b->motion, frames, (size_t)b->count, (size_t)b->reference, pool, &job, error);
+    }
+    core_pool_destroy(pool);
+    b->aligned = status == BRACE_OK;
+    return status;
+}
+
 brace_status train_sample_create(train_sample *out, int frames, int side, brace_error *error) {
     const size_t pixels = (size_t)side * (size_t)side;
     *out = (train_sample){.frames = frames, .side = side};
     out->input = core_calloc((size_t)frames * pixels * 8, sizeof *out->input);
+    out->flow = core_calloc((size_t)frames * pixels * 2, sizeof *out->flow);
     out->truth = core_calloc(pixels * 4, sizeof *out->truth);
     brace_status status =
-        out->input != NULL && out->truth != NULL
+        out->input != NULL && out->flow != NULL && out->truth != NULL
             ? brace_frame_create(&out->look, 2 * (uint32_t)side, 2 * (uint32_t)side, BRACE_CFA_RGGB, error)
-            : core_fail_memory(error, (size_t)frames * pixels * 32, "a training sample");
+            : core_fail_memory(error, (size_t)frames * pixels * 40, "a training sample");
     if (status != BRACE_OK) {
         train_sample_free(out);
     }
@@ -74,6 +93,7 @@ brace_status train_sample_create(train_sample *out, int frames, int side, brace_
 
 void train_sample_free(train_sample *sample) {
     core_free(sample->input);
+    core_free(sample->flow);
     core_free(sample->truth);
     brace_frame_destroy(sample->look);
     *sample = (train_sample){0};
@@ -113,6 +133,24 @@ static brace_status measure(train_sample *out, int at, const float *packed, floa
     return status;
 }
 
+/* The motion of the crop's pixels, turned as the crop is. */
+static void set_flow(float *out, const restore_motion *motion, const train_bracket *b, const train_window *w,
+                     int side) {
+    const size_t width = (b->width + 1) / 2, height = (b->height + 1) / 2;
+    const double sign_x = w->flip_x ? -1 : 1, sign_y = w->flip_y ? -1 : 1;
+    /* The block's centre, packed: half a mosaic pixel before that of a block at an even position. */
+    const double x0 = 0.5 * ((double)w->x0 - (w->flip_x ? 1 : 0)), y0 = 0.5 * ((double)w->y0 - (w->flip_y ? 1 : 0));
+    for (int y = 0; y < side; y++) {
+        for (int x = 0; x < side; x++, out += 2) {
+            double dx, dy;
+            restore_motion_at(motion, x0 + sign_x * (w->transpose ? y : x), y0 + sign_y * (w->transpose ? x : y), width,
+                              height, &dx, &dy);
+            out[w->transpose ? 1 : 0] = (float)(sign_x * dx);
+            out[w->transpose ? 0 : 1] = (float)(sign_y * dy);
+        }
+    }
+}
+
 brace_status train_sample_make(train_sample *out, const train_bracket *b, const train_window *window,
                                brace_error *error) {
     const size_t side = (size_t)out->side, pixels = side * side;
@@ -130,6 +168,10 @@ brace_status train_sample_make(train_sample *out, const train_bracket *b, const 
     for (int i = 0; i < b->count && status == BRACE_OK; i++) {
         const int at = i == b->reference ? 0 : i < b->reference ? i + 1 : i;
         train_crop(packed, &b->frame[i], b->width, window, out->side);
+        out->white[at] = b->frame[i].gain;
+        if (b->aligned) {
+            set_flow(out->flow + (size_t)at * pixels * 2, &b->motion[i], b, window, out->side);
+        }
         float *to = out->input + (size_t)at * pixels * 8;
         for (size_t k = 0; k < pixels * 4; k++) {
             to[2 * k] = packed[k];

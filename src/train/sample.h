@@ -10,6 +10,7 @@
 
 #include "brace/bracket.h"
 #include "core/core.h"
+#include "restore/internal.h"
 
 /* One frame's mosaic where it lies, and what its numbers mean. */
 typedef struct train_view {
@@ -24,6 +25,9 @@ typedef struct train_bracket {
     uint32_t width, height;
     int count, reference;
     train_view frame[BRACE_BRACKET_MAX], truth;
+    brace_frame seen[BRACE_BRACKET_MAX];       /* the frames; pixels borrowed, no path and no tags */
+    restore_motion motion[BRACE_BRACKET_MAX];  /* filled by train_bracket_align */
+    bool aligned;
     double exposure[BRACE_BRACKET_MAX]; /* time times ISO, as recorded */
     double neutral[3], color_matrix[2][9];
     uint16_t illuminant[2];
@@ -32,6 +36,8 @@ typedef struct train_bracket {
 /* Takes what a frame says; `index` -1: it is the truth. train_bracket_finish checks the whole and sets the gains. */
 void train_bracket_set(train_bracket *bracket, int index, const brace_frame *frame);
 brace_status train_bracket_finish(train_bracket *bracket, brace_error *error);
+/* Finds the motions, as a restoration would; by one thread. Samples of an unaligned bracket have no flow. */
+brace_status train_bracket_align(train_bracket *bracket, const volatile int *cancel, brace_error *error);
 
 /* Where a crop lies and how it is turned: pixel (x, y) of its mosaic is pixel (x0 ± x, y0 ± y) of the frame's, x and y
  * exchanged first with `transpose`. (x0, y0) is a red pixel: so the crop is RGGB, whatever the frame is, and mirrored
@@ -41,9 +47,10 @@ typedef struct train_window {
     bool flip_x, flip_y, transpose;
 } train_window;
 
-/* Every position and turn alike; `turned` false: as it stands. `side` in packed pixels: frames have 2*side + 2 and
+/* Every position and turn that is allowed alike. `side` in packed pixels: frames have 2*side + 2 and
  * more a side. */
-train_window train_window_draw(core_random *random, const train_bracket *bracket, int side, bool turned);
+train_window train_window_draw(core_random *random, const train_bracket *bracket, int side, bool mirrored,
+                               bool transposed);
 
 /* R, G, G, B of side*side blocks, (sample - black)/(white - black)*gain: neither clipped below nor above. */
 void train_crop(float *out, const train_view *view, uint32_t width, const train_window *window, int side);
@@ -53,7 +60,9 @@ typedef struct train_sample {
     uint64_t index; /* of the sample: sources give the same for the same index */
     float *input;   /* [frames][side][side][8]: linear R, its gamma, linear G, ...; the reference first, then the
                      * others from short to long; all at the reference's exposure. gamma: max(x, 0)^(1/2.2) */
+    float *flow;    /* [frames][side][side][2]: where a pixel of the reference is found, (dx, dy) in packed pixels */
     float *truth;   /* [side][side][4] */
+    float white[BRACE_BRACKET_MAX]; /* at which value of the linear input each frame clips */
     float descriptor[BRACE_BRACKET_MAX][8]; /* of the banding prior of each frame's crop, in the input's order */
     float rho[BRACE_BRACKET_MAX];
     float gains[3], matrix[9]; /* for train_isp (loss.h) */

@@ -142,7 +142,8 @@ static brace_status crops_of(const train_source *s, const train_bracket *bracket
             return core_fail(error, BRACE_ERROR_MISMATCH, "frames of %ux%u pixels are too small for crops of %d pixels",
                              bracket->width, bracket->height, 2 * s->params.side);
         }
-        const train_window window = train_window_draw(&r, bracket, s->params.side, s->params.turned);
+        const train_window window = train_window_draw(&r, bracket, s->params.side, s->params.mirrored,
+                                                       s->params.transposed);
         out[k].index = i;
         status = train_sample_make(&out[k], bracket, &window, error);
     }
@@ -183,6 +184,9 @@ static brace_status from_simulator(const train_source *s, uint64_t scene, uint64
     }
     train_bracket_set(&bracket, -1, capture.exact != NULL ? capture.exact : capture.truth);
     status = train_bracket_finish(&bracket, error);
+    if (status == BRACE_OK && p->align) {
+        status = train_bracket_align(&bracket, cancel, error);
+    }
     if (status == BRACE_OK) {
         status = crops_of(s, &bracket, first, count, out, error);
     }
@@ -196,13 +200,18 @@ brace_status train_source_get(const train_source *s, uint64_t first, int count, 
     if (count < 1 || (first + (uint64_t)count - 1) / crops != scene) {
         return core_fail(error, BRACE_ERROR_ARGUMENT, "samples of several brackets at once");
     }
+    const train_source_params *p = &s->params;
     if (s->packed == NULL) {
         return from_simulator(s, scene, first, count, out, cancel, error);
     }
     size_t index;
     brace_status status = pick(&index, s, scene, error);
     if (status == BRACE_OK) {
-        status = crops_of(s, train_packed_at(s->packed, index), first, count, out, error);
+        train_bracket bracket = *train_packed_at(s->packed, index);
+        status = p->align ? train_bracket_align(&bracket, cancel, error) : BRACE_OK;
+        if (status == BRACE_OK) {
+            status = crops_of(s, &bracket, first, count, out, error);
+        }
         if (status != BRACE_OK) {
             core_error_prefix(error, train_packed_name(s->packed, index));
         }

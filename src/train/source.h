@@ -20,7 +20,9 @@ typedef struct train_source_params {
     double test_share;      /* rendered: of the screens, kept for the test split; 0: a tenth */
     bool test;              /* samples of the test split, which share no screen with the others */
     int frames, side, crops; /* of a bracket; packed pixels of a crop; crops of a bracket. 0: 5, 128, 4 */
-    bool turned;             /* crops are mirrored and transposed */
+    bool mirrored;           /* crops are mirrored, up to both ways */
+    bool transposed;         /* and transposed */
+    bool align;              /* samples have flow */
     uint64_t seed;
 } train_source_params;
 

@@ -16,6 +16,7 @@
 
 #include <jansson.h>
 
+#include "models/models.h"
 #include "nn/group.h"
 #include "nn/optimizer.h"
 #include "train/loss.h"
@@ -25,7 +26,9 @@
 
 typedef struct train_config {
     json_t *json;        /* all of it; strings below point into it */
-    const char *model;   /* name of a network */
+    const char *model;   /* name of a network, */
+    bool known;          /* which is one of models.h: */
+    models_shape shape;  /* as changed by "network" */
     const char *initial; /* weights to begin with; NULL: random ones */
     uint64_t seed;
     train_source_params data;
@@ -47,23 +50,17 @@ void train_config_free(train_config *config);
 
 /* ---- what is trained ---- */
 
-typedef struct train_inputs {
-    nn_value frames;      /* {frames, side, side, 8}: train_sample.input */
-    nn_value descriptors; /* {frames, 1, 1, 8} */
-    nn_value rho;         /* {frames, 1, 1, 1} */
-} train_inputs;
-
 typedef struct train_model {
     const void *user;
     /* Builds the network of one bracket: packed RAW {1, side, side, 4}. */
-    nn_value (*build)(const void *user, nn_graph *g, const train_inputs *inputs);
+    nn_value (*build)(const void *user, nn_graph *g, const models_inputs *inputs);
 } train_model;
 
 /* ---- the loop (train.c) ---- */
 
-/* All zeros (but for `model` and `output`) mean the defaults. */
+/* All zeros (but for `output`) mean the defaults. */
 typedef struct train_run_params {
-    const train_model *model;
+    const train_model *model; /* NULL: the configuration's */
     const char *output;
     bool resume; /* goes on, or begins where there is nothing to go on from; false: a folder with a run is refused */
     nn_group *group; /* processes that train together; NULL: this one alone */
@@ -85,7 +82,7 @@ brace_status train_run(const train_config *config, const train_run_params *param
 typedef struct train_network {
     nn_weights *weights;
     nn_graph *graph;
-    train_inputs inputs;
+    models_inputs inputs;
     nn_value prediction;
     train_loss loss;
 } train_network;

@@ -65,7 +65,7 @@ brace_status train_validation_create(train_validation *out, const train_config *
         return BRACE_OK;
     }
     train_source_params params = config->data;
-    params.test = true, params.turned = false, params.crops = 1; /* each of another bracket, upright */
+    params.test = true, params.mirrored = params.transposed = false, params.crops = 1; /* each of another bracket, upright */
     train_source *source = NULL;
     brace_status status = train_source_create(&source, &params, job, error);
     if (status == BRACE_OK) {

@@ -136,7 +136,7 @@ static void test_windows(void **state) {
             unsigned turns = 0;
             uint32_t lowest = 99, highest = 0;
             for (int i = 0; i < 2000; i++) {
-                const train_window w = train_window_draw(&r, &b, 8, true);
+                const train_window w = train_window_draw(&r, &b, 8, true, true);
                 turns |= 1u << (w.flip_x + 2 * w.flip_y + 4 * w.transpose);
                 const uint32_t left = w.flip_x ? w.x0 - 15 : w.x0, top = w.flip_y ? w.y0 - 15 : w.y0;
                 assert_true(left + 16 <= b.width && top + 16 <= b.height);
@@ -260,7 +260,7 @@ static void check_source(const train_source_params *params) {
 }
 
 static const train_source_params rendered = {
-    .width = 96, .height = 96, .side = 16, .crops = 2, .turned = true, .seed = 3, .test_share = 0.3};
+    .width = 96, .height = 96, .side = 16, .crops = 2, .mirrored = true, .transposed = true, .seed = 3, .test_share = 0.3};
 
 static void test_rendered(void **state) {
     (void)state;
@@ -296,7 +296,7 @@ static void test_packed(void **state) {
     size_t count;
     ok(dataset_pack(set, shards, &(dataset_pack_params){.shard_bytes = 100000}, NULL, &count, &error), &error);
     assert_true(count > 2); /* several shards a split */
-    train_source_params p = {.packed = shards, .side = 16, .crops = 2, .turned = true, .seed = 3};
+    train_source_params p = {.packed = shards, .side = 16, .crops = 2, .mirrored = true, .transposed = true, .seed = 3};
     check_source(&p);
     train_source *source;
     ok(train_source_create(&source, &p, NULL, &error), &error);

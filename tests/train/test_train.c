@@ -30,7 +30,7 @@ static void ok(brace_status status, const brace_error *error) {
 }
 
 /* The reference and a correction out of all frames and of how much they band. */
-static nn_value small_network(const void *user, nn_graph *g, const train_inputs *in) {
+static nn_value small_network(const void *user, nn_graph *g, const models_inputs *in) {
     (void)user;
     nn_value parts[6];
     const nn_shape s = nn_shape_of(g, in->frames);

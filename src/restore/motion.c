@@ -1,0 +1,67 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* motion.c: where the pixels of a bracket's reference are found in its other frames. */
+#include "restore/internal.h"
+
+void restore_motion_local(const restore_motion *m, double x, double y, size_t width, size_t height, double *dx,
+                          double *dy) {
+    double gx = x / (double)width * m->columns - 0.5, gy = y / (double)height * m->rows - 0.5;
+    gx = gx < 0 ? 0 : gx > m->columns - 1 ? m->columns - 1 : gx;
+    gy = gy < 0 ? 0 : gy > m->rows - 1 ? m->rows - 1 : gy;
+    const int ix = (int)gx, iy = (int)gy;
+    const int jx = ix + 1 < m->columns ? ix + 1 : ix, jy = iy + 1 < m->rows ? iy + 1 : iy;
+    const double fx = gx - ix, fy = gy - iy;
+    const double w00 = (1 - fx) * (1 - fy), w01 = fx * (1 - fy), w10 = (1 - fx) * fy, w11 = fx * fy;
+    const int a = iy * m->columns + ix, b = iy * m->columns + jx, c = jy * m->columns + ix, d = jy * m->columns + jx;
+    *dx = w00 * (double)m->dx[a] + w01 * (double)m->dx[b] + w10 * (double)m->dx[c] + w11 * (double)m->dx[d];
+    *dy = w00 * (double)m->dy[a] + w01 * (double)m->dy[b] + w10 * (double)m->dy[c] + w11 * (double)m->dy[d];
+}
+
+void restore_motion_at(const restore_motion *m, double x, double y, size_t width, size_t height, double *dx,
+                       double *dy) {
+    const double half_w = 0.5 * (double)width, half_h = 0.5 * (double)height;
+    const double u = (x - half_w) / half_w, v = (y - half_h) / half_w;
+    *dx = *dy = 0;
+    if (m->columns > 0) {
+        restore_motion_local(m, x, y, width, height, dx, dy);
+    }
+    *dx += m->a[0] + m->a[1] * u + m->a[2] * v;
+    *dy += m->a[3] + m->a[4] * u + m->a[5] * v;
+}
+
+static const double least_confidence = 0.3; /* below, a frame is taken where it was shot */
+
+brace_status restore_motions(restore_motion *out, const brace_frame *const *frames, size_t count, size_t reference,
+                             core_pool *pool, const brace_job *job, brace_error *error) {
+    restore_pyramid *first = NULL;
+    restore_picture packed = {0};
+    brace_status status = restore_picture_create(&packed, (frames[0]->width + 1) / 2, (frames[0]->height + 1) / 2,
+                                                 "aligning the frames", error);
+    if (status == BRACE_OK) {
+        restore_pack(&packed, frames[reference], pool);
+        status = restore_pyramid_create(&first, &packed, frames[reference], pool, error);
+    }
+    for (size_t i = 0; i < count && status == BRACE_OK; i++) {
+        restore_pyramid *moved = NULL;
+        out[i] = (restore_motion){.confidence = 1};
+        status = core_check_cancel(job, error);
+        if (i == reference || status != BRACE_OK) {
+            continue;
+        }
+        core_progress(job, "aligning", i, count);
+        restore_pack(&packed, frames[i], pool);
+        status = restore_pyramid_create(&moved, &packed, frames[i], pool, error);
+        if (status == BRACE_OK) {
+            restore_align(&out[i], first, moved, pool);
+            if (out[i].confidence < least_confidence) {
+                out[i] = (restore_motion){.confidence = out[i].confidence};
+            }
+        }
+        restore_pyramid_destroy(moved);
+    }
+    if (status == BRACE_OK) {
+        core_progress(job, "aligning", count, count);
+    }
+    restore_pyramid_destroy(first);
+    restore_picture_free(&packed);
+    return status;
+}
