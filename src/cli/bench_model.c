@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * bench_model.c: brace bench model: time and memory of a whole network, forward and for a step of training. The network
- * is what restoration networks are made of: blocks x + conv(ReLU(conv(x))).
+ * is one of models.h, or what they are made of: blocks x + conv(ReLU(conv(x))).
  *
  * As in bench_conv.c the fastest of several runs counts, of one thread its CPU time. Memory is what the process came to
  * hold at most beyond what it held before the network was built, as the system counts it.
@@ -14,6 +14,7 @@
 #endif
 #include <string.h>
 
+#include "models/models.h"
 #include "nn/node.h"
 #include "nn/optimizer.h"
 
@@ -23,7 +24,9 @@ enum { TYPES = 2, BLOCKS = 40, CHANNELS = 64, WIDTH = 128, HEIGHT = 128 };
 
 typedef struct model_params {
     int blocks, channels, width, height;
-    bool recompute, quick;
+    bool recompute, quick, layers;
+    const models_shape *network; /* NULL: residual blocks */
+    const char *name;            /* its */
     const brace_job *job;
 } model_params;
 
@@ -68,19 +71,12 @@ static double begin_peak(void) {
 typedef struct model {
     nn_weights *weights;
     nn_graph *g;
-    nn_value x, target, loss;
+    nn_value x, more[4], y, target, loss;
     nn_optimizer *optimizer;
 } model;
 
-static brace_status build(model *m, const model_params *p, nn_type type, bool training, brace_error *error) {
+static void build_blocks(model *m, const model_params *p, nn_type type) {
     const nn_shape shape = {1, p->height, p->width, p->channels};
-    brace_status status = nn_weights_create(&m->weights, 1, error);
-    if (status == BRACE_OK) {
-        status = nn_graph_create(&m->g, m->weights, &(nn_graph_params){.type = type, .job = p->job}, error);
-    }
-    if (status != BRACE_OK) {
-        return status;
-    }
     m->x = nn_input(m->g, "x", shape);
     nn_value y = type == NN_F32 ? m->x : nn_cast(m->g, m->x, type);
     for (int i = 0; i < p->blocks; i++) {
@@ -100,9 +96,37 @@ static brace_status build(model *m, const model_params *p, nn_type type, bool tr
         }
         nn_pop(m->g);
     }
-    y = type == NN_F32 ? y : nn_cast(m->g, y, NN_F32);
+    m->y = y;
+}
+
+static void build_network(model *m, const model_params *p) {
+    const int n = p->network->frames;
+    const models_inputs in = {.frames = nn_input(m->g, "frames", (nn_shape){n, p->height, p->width, 8}),
+                              .flow = nn_input(m->g, "flow", (nn_shape){n, p->height, p->width, 2}),
+                              .white = nn_input(m->g, "white", (nn_shape){n, 1, 1, 1}),
+                              .descriptors = nn_input(m->g, "descriptors", (nn_shape){n, 1, 1, 8}),
+                              .rho = nn_input(m->g, "rho", (nn_shape){n, 1, 1, 1})};
+    m->x = in.frames;
+    memcpy(m->more, (nn_value[]){in.flow, in.white, in.descriptors, in.rho}, sizeof m->more);
+    m->y = models_build(m->g, p->network, &in);
+}
+
+static brace_status build(model *m, const model_params *p, nn_type type, bool training, brace_error *error) {
+    brace_status status = nn_weights_create(&m->weights, 1, error);
+    if (status == BRACE_OK) {
+        status = nn_graph_create(&m->g, m->weights, &(nn_graph_params){.type = type, .job = p->job}, error);
+    }
+    if (status != BRACE_OK) {
+        return status;
+    }
+    if (p->network != NULL) {
+        build_network(m, p);
+    } else {
+        build_blocks(m, p, type);
+    }
+    const nn_value y = nn_type_of(m->g, m->y) == NN_F32 ? m->y : nn_cast(m->g, m->y, NN_F32);
     if (training) {
-        m->target = nn_input(m->g, "target", shape);
+        m->target = nn_input(m->g, "target", nn_shape_of(m->g, y));
         m->loss = nn_l1(m->g, y, m->target);
     } else {
         nn_output(m->g, "y", y);
@@ -117,7 +141,7 @@ static brace_status build(model *m, const model_params *p, nn_type type, bool tr
 
 static void fill(nn_graph *g, nn_value v, uint32_t stream) {
     core_random rng = core_random_create(1, stream, 0, 0);
-    float *data = nn_data(g, v);
+    float *data = v != 0 ? nn_data(g, v) : NULL;
     for (size_t i = 0; data != NULL && i < nn_count(nn_shape_of(g, v)); i++) {
         data[i] = (float)core_random_uniform(&rng);
     }
@@ -146,6 +170,9 @@ static brace_status measure(model_result *r, const model_params *p, nn_type type
     if (status == BRACE_OK) {
         fill(m.g, m.x, 1);
         fill(m.g, m.target, 2);
+        for (uint32_t i = 0; i < 4; i++) {
+            fill(m.g, m.more[i], 3 + i);
+        }
         status = run_once(&m, error); /* memory and caches warm up */
     }
     for (int i = 0; status == BRACE_OK && (i < least || total < limit); i++) {
@@ -158,9 +185,12 @@ static brace_status measure(model_result *r, const model_params *p, nn_type type
     if (status == BRACE_OK) {
         /* Backward computes each convolution twice, but for the data's gradient of the first. */
         const double forward = nn_graph_flops(m.g);
-        r->flops = training ? 3 * forward - forward / (2 * p->blocks) : forward;
+        r->flops = training ? 3 * forward - (p->network != NULL ? 0 : forward / (2 * p->blocks)) : forward;
         r->plan = (double)nn_graph_memory(m.g);
         r->peak = status_bytes("VmHWM") - before;
+        if (p->layers) {
+            nn_graph_print(m.g, stdout);
+        }
     }
     nn_optimizer_destroy(m.optimizer);
     nn_graph_destroy(m.g);
@@ -189,17 +219,21 @@ static json_t *to_json(const model_params *p, const model_result results[TYPES][
         }
         json_array_append_new(rows, row);
     }
-    return json_pack("{s:s, s:o, s:i, s:i, s:i, s:i, s:i, s:b, s:o}", "bench", "model", "processor",
-                     cli_json_text(bench_processor(processor, sizeof processor)), "threads", threads, "blocks",
+    return json_pack("{s:s, s:s, s:o, s:i, s:i, s:i, s:i, s:i, s:b, s:o}", "bench", "model", "network",
+                     p->network != NULL ? p->name : "blocks", "processor", cli_json_text(bench_processor(processor, sizeof processor)), "threads", threads, "blocks",
                      p->blocks, "channels", p->channels, "width", p->width, "height", p->height, "recompute",
                      p->recompute, "runs", rows);
 }
 
 static void print_table(const model_params *p, const model_result results[TYPES][2], int threads) {
     char processor[128];
-    printf("%s, %d thread%s. %d residual blocks of %d channels on 1x%dx%d%s.\n\n",
-           bench_processor(processor, sizeof processor), threads, threads == 1 ? "" : "s", p->blocks, p->channels,
-           p->height, p->width, p->recompute ? ", recomputed" : "");
+    printf("%s, %d thread%s. ", bench_processor(processor, sizeof processor), threads, threads == 1 ? "" : "s");
+    if (p->network != NULL) {
+        printf("%s on %d frames of %dx%d.\n\n", p->name, p->network->frames, p->height, p->width);
+    } else {
+        printf("%d residual blocks of %d channels on 1x%dx%d%s.\n\n", p->blocks, p->channels, p->height, p->width,
+               p->recompute ? ", recomputed" : "");
+    }
     printf("%-16s %6s %10s %10s %10s %10s\n", "", "", "ms", "GFLOP/s", "peak MB", "plan MB");
     for (int k = 0; k < 2; k++) {
         for (int i = 0; i < TYPES; i++) {
@@ -217,7 +251,8 @@ static void print_table(const model_params *p, const model_result results[TYPES]
 }
 
 typedef struct arguments {
-    bool quick, json, quiet, recompute;
+    bool quick, json, quiet, recompute, layers;
+    const char *network;
     int threads, blocks, channels, width, height;
 } arguments;
 
@@ -228,7 +263,11 @@ static int run(const arguments *a) {
     brace_job job;
     cli_report report;
     cli_report_begin(&report, &job, command, a->quiet, a->threads);
-    const model_params p = {a->blocks, a->channels, a->width, a->height, a->recompute, a->quick, &job};
+    models_shape shape;
+    const model_params p = {.blocks = a->blocks, .channels = a->channels, .width = a->width, .height = a->height,
+                            .recompute = a->recompute, .quick = a->quick, .layers = a->layers, .job = &job,
+                            .network = a->network != NULL && models_shape_named(&shape, a->network) ? &shape : NULL,
+                            .name = a->network};
     for (int i = 0; i < TYPES * 2 && status == BRACE_OK; i++) {
         core_progress(&job, "measuring", (uint64_t)i, TYPES * 2);
         status = measure(&results[i / 2][i % 2], &p, types[i / 2], i % 2 == 1, &error);
@@ -264,11 +303,13 @@ int bench_model(int argc, char **argv) {
     const cli_option options[] = {
         {CLI_HEADING, 0, NULL, NULL, "Options", NULL, 0, 0},
         {CLI_INT, 't', "threads", "N", "1 to 256, default: one for each CPU", &a.threads, 1, 256},
+        {CLI_TEXT, 0, "network", "NAME", "brace, brace-s, tmrnet or tmrnet-s in place of residual blocks", &a.network, 0, 0},
         {CLI_INT, 0, "blocks", "N", "residual blocks, 40", &a.blocks, 1, 1000},
         {CLI_INT, 'c', "channels", "N", "of each layer, 64", &a.channels, 1, 1024},
         {CLI_TEXT, 0, "size", "WxH", "of the picture, 128x128", &size, 0, 0},
         {CLI_FLAG, 0, "recompute", NULL, "train with less memory: half of the forward pass is computed twice",
          &a.recompute, 0, 0},
+        {CLI_FLAG, 0, "layers", NULL, "print each layer's time, too", &a.layers, 0, 0},
         {CLI_FLAG, 0, "quick", NULL, "each once: rough numbers", &a.quick, 0, 0},
         {CLI_FLAG, 0, "json", NULL, "print a JSON object on stdout", &a.json, 0, 0},
         {CLI_FLAG, 'q', "quiet", NULL, "no progress", &a.quiet, 0, 0},
@@ -284,12 +325,17 @@ int bench_model(int argc, char **argv) {
         options,
         "Examples:\n"
         "  brace bench model\n"
+        "  brace bench model --network tmrnet --layers\n"
         "  brace bench model --blocks 10 --size 256x256 --threads 1\n"};
     int code = cli_parse(&usage, argc, argv, &operands);
     if (code < 0 && operands.count > 0) {
         code = cli_wrong_usage(command, "'%s': no argument is expected", operands.items[0]);
     }
     char rest;
+    models_shape shape;
+    if (code < 0 && a.network != NULL && !models_shape_named(&shape, a.network)) {
+        code = cli_wrong_usage(command, "--network takes %s, not '%s'", models_names, a.network);
+    }
     if (code < 0 && size != NULL &&
         (sscanf(size, "%4dx%4d%c", &a.width, &a.height, &rest) != 2 || a.width < 1 || a.height < 1)) {
         code = cli_wrong_usage(command, "--size takes a width and a height, such as 128x128, not '%s'", size);

@@ -27,7 +27,7 @@ typedef struct models_shape {
     int frame;       /* of the one that each has of its own, */
     int reconstruct; /* and of reconstruction */
     int offset;      /* convolutions before that of the deformable offsets */
-    int groups;      /* of the deformable convolution */
+    int groups;      /* of the deformable convolution; 0: frames are moved by the flow instead, before all else */
     bool spynet;     /* flow by SPyNet; false: flow is an input, measured by restore's alignment */
     bool blend;      /* the result is the reference, times a gain, plus what is taken from other frames, plus a rest;
                         false: what the last convolution gives */

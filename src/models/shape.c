@@ -10,7 +10,7 @@ const char models_names[] = "brace, brace-s, tmrnet or tmrnet-s";
 static const models_shape paper = {.frames = 5, .channels = 64, .unshuffle = 1, .extract = 5, .global = 16,
                                    .frame = 24, .reconstruct = 5, .offset = 3, .groups = 8, .spynet = true};
 static const models_shape everyday = {.frames = 5, .channels = 32, .unshuffle = 2, .extract = 1, .global = 3,
-                                      .frame = 1, .reconstruct = 2, .offset = 1, .groups = 4, .blend = true};
+                                      .frame = 1, .reconstruct = 2, .blend = true};
 
 bool models_shape_named(models_shape *out, const char *name) {
     const bool small = strcmp(name, "brace-s") == 0, large = strcmp(name, "brace") == 0;
@@ -37,7 +37,7 @@ static const struct {
     {"frame", offsetof(models_shape, frame), 0, 1000},
     {"reconstruct", offsetof(models_shape, reconstruct), 0, 1000},
     {"offset", offsetof(models_shape, offset), 0, 100},
-    {"groups", offsetof(models_shape, groups), 1, 64},
+    {"groups", offsetof(models_shape, groups), 0, 64},
     {"strip", offsetof(models_shape, strip), 0, 4096},
 }, switches[] = {
     {"spynet", offsetof(models_shape, spynet), 0, 1},
@@ -69,7 +69,7 @@ void models_shape_read(models_shape *shape, const json_at *object) {
     if (shape->unshuffle == 3) {
         json_check_fail(object, "unshuffle", "3 is none of 1, 2 and 4");
     }
-    if (shape->groups < 1 || shape->channels % shape->groups != 0) {
+    if (shape->groups > 0 && shape->channels % shape->groups != 0) {
         json_check_fail(object, "groups", "%d do not divide %d channels", shape->groups, shape->channels);
     }
 }

@@ -9,7 +9,8 @@
  *   h   = h + B(f_0, f_i, h);  h = h + R_i(f_0, f_i, h) gate_i           one frame after another, h = 0 at first
  *   result = tail(f_0, h, reference)
  *
- * Small networks work at half the packed resolution (unshuffle), take the flow as an input and end in a blend:
+ * Small networks work at half the packed resolution (unshuffle), take the flow as an input, may move the frames by it
+ * before anything else instead of deforming features (no groups), and end in a blend:
  *
  *   y = a_0 v_0 + sum_i m_i a_i (v_i - v_0) + b,  result = sign(y) |y|^2.2
  *
@@ -47,6 +48,12 @@ static nn_value others(nn_graph *g, nn_value x) {
 
 static nn_value repeat_first(nn_graph *g, nn_value x) {
     return nn_repeat(g, nn_slice(g, x, NN_AXIS_N, 0, 1, 1), NN_AXIS_N, nn_shape_of(g, x).n - 1);
+}
+
+/* All frames at the reference's pose, by the flow alone. */
+static nn_value move(nn_graph *g, nn_value frames, nn_value flow) {
+    const nn_value moved = nn_warp(g, others(g, frames), flow, NN_REPLICATE);
+    return nn_concat(g, NN_AXIS_N, 2, (nn_value[]){nn_slice(g, frames, NN_AXIS_N, 0, 1, 1), moved});
 }
 
 /* Features of all frames at the reference's pose. */
@@ -98,11 +105,11 @@ static nn_value aggregate(nn_graph *g, const models_shape *shape, nn_value featu
 }
 
 /* y of the header, from maps {1, h, w, 4 frames + 4}. */
-static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, const models_inputs *in, nn_value flow) {
-    const nn_value all = nn_slice(g, in->frames, NN_AXIS_C, 1, 8, 2), first = nn_slice(g, all, NN_AXIS_N, 0, 1, 1);
-    const nn_value moved = nn_warp(g, others(g, all), others(g, flow), NN_REPLICATE);
+static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, nn_value frames, nn_value white_level) {
+    const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2), first = nn_slice(g, all, NN_AXIS_N, 0, 1, 1);
+    const nn_value moved = others(g, all);
     /* 1 up to 0.8 of white, in this curve, 0 from 0.95 on. */
-    const nn_value white = nn_pow(g, others(g, in->white), 1 / gamma_curve);
+    const nn_value white = nn_pow(g, others(g, white_level), 1 / gamma_curve);
     const nn_value trust = nn_clamp(g, nn_affine(g, nn_div(g, moved, white), -1 / 0.15, 0.95 / 0.15), 0, 1);
     const nn_value more = nn_mul(g, nn_sub(g, moved, first), trust);
     nn_value y = nn_mul(g, first, nn_affine(g, nn_slice(g, maps, NN_AXIS_C, 0, 4, 1), 1, 1));
@@ -122,17 +129,14 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
     if (shape->spynet) {
         const nn_value seen = look(g, in->frames);
         flow = models_spynet(g, repeat_first(g, seen), others(g, seen));
-        if (shape->blend) { /* none for the reference */
-            flow = nn_concat(g, NN_AXIS_N, 2,
-                             (nn_value[]){nn_affine(g, nn_slice(g, flow, NN_AXIS_N, 0, 1, 1), 0, 0), flow});
-        }
     }
     const nn_value flow_others = nn_shape_of(g, flow).n == s.n ? others(g, flow) : flow;
-    const nn_value packed = unshuffle(g, in->frames, by);
+    const nn_value moved = shape->groups > 0 ? in->frames : move(g, in->frames, flow_others);
+    const nn_value packed = unshuffle(g, moved, by);
     /* Linear as published; blends are made under the gamma curve. */
     const nn_value first = nn_slice(g, nn_slice(g, in->frames, NN_AXIS_N, 0, 1, 1), NN_AXIS_C, shape->blend ? 1 : 0, 8, 2);
     nn_value f = models_residual_blocks(g, "feat_extract", nn_cast(g, packed, nn_graph_type(g)), c, shape->extract);
-    f = align(g, shape, f, coarser(g, flow_others, by));
+    f = shape->groups > 0 ? align(g, shape, f, coarser(g, flow_others, by)) : f;
     f = shape->mscam ? models_mscam(g, shape, f, in) : f;
     f = models_residual_blocks(g, "reconstruction", aggregate(g, shape, f), c, shape->reconstruct);
 
@@ -146,5 +150,8 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
                                    .f32_result = true, .zero_bias = shape->blend,
                                    .init = shape->blend ? NN_INIT_ZERO : NN_INIT_UNIFORM_FAN_IN});
     f = nn_cast(g, by == 1 ? f : nn_pixel_shuffle(g, f, by), exact);
-    return shape->blend ? blend(g, shape, f, in, flow) : f;
+    if (!shape->blend) {
+        return f;
+    }
+    return blend(g, shape, f, shape->groups > 0 ? move(g, in->frames, flow_others) : moved, in->white);
 }
