@@ -401,7 +401,8 @@ static void test_config(void **state) {
     assert_int_equal(c.data.side, 128);
     assert_true(c.schedule.rate == 1e-4 && c.loss.wavelet == 0.5 && c.loss.color == 0);
     train_config_free(&c);
-    static const char *const shipped[] = {"stage1", "stage2", "stage1-s", "stage2-s"};
+    static const char *const shipped[] = {"brace-stage1", "brace-stage2", "brace-s-stage1", "brace-s-stage2",
+                                          "tmrnet-stage1", "tmrnet-stage2", "tmrnet-s-stage1", "tmrnet-s-stage2"};
     for (size_t i = 0; i < sizeof shipped / sizeof *shipped; i++) {
         char path[4096];
         snprintf(path, sizeof path, "%s/configs/%s.json", getenv("BRACE_DATA"), shipped[i]);
