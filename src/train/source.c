@@ -3,7 +3,6 @@
 #include "train/source.h"
 
 #include <limits.h>
-#include <pthread.h>
 #include <string.h>
 
 #include "sim/data_path.h"
@@ -11,44 +10,15 @@
 #include "sim/dataset_priors.h"
 #include "sim/dataset_screens.h"
 #include "sim/simulate.h"
+#include "train/motions.h"
 
 enum { STREAM_WINDOW = 0x54520001, STREAM_ORDER };
-
-/* Aligning takes longer than a crop, and brackets of a packed set come again and again. */
-typedef struct motion_cache {
-    pthread_mutex_t lock;
-    bool *found;
-    restore_motion *motion; /* BRACE_BRACKET_MAX for each bracket */
-} motion_cache;
-
-static void motion_cache_destroy(motion_cache *cache) {
-    if (cache != NULL) {
-        pthread_mutex_destroy(&cache->lock);
-        core_free(cache->found);
-        core_free(cache->motion);
-        core_free(cache);
-    }
-}
-
-static brace_status motion_cache_create(motion_cache **out, size_t count, brace_error *error) {
-    motion_cache *cache = core_calloc(1, sizeof *cache);
-    if (cache == NULL || pthread_mutex_init(&cache->lock, NULL) != 0) {
-        core_free(cache);
-        return core_fail_memory(error, sizeof *cache, "the motions of a set");
-    }
-    cache->found = core_calloc(count, sizeof *cache->found);
-    cache->motion = core_calloc(count * BRACE_BRACKET_MAX, sizeof *cache->motion);
-    *out = cache; /* destroyed with the source, whatever becomes of it */
-    return cache->found != NULL && cache->motion != NULL
-               ? BRACE_OK
-               : core_fail_memory(error, count * BRACE_BRACKET_MAX * sizeof *cache->motion, "the motions of a set");
-}
 
 struct train_source {
     train_source_params params;
     char *packed_folder, *screens_folder, *priors_file; /* copies */
     train_packed *packed;
-    motion_cache *motions; /* of packed brackets */
+    train_motions *motions; /* of packed brackets */
     dataset_screens screens;
     dataset_priors *priors;
 };
@@ -110,7 +80,7 @@ brace_status train_source_create(train_source **out, const train_source_params *
                      : open_simulator(s, job, error);
     }
     if (status == BRACE_OK && p->packed != NULL && p->align) {
-        status = motion_cache_create(&s->motions, train_packed_count(s->packed), error);
+        status = train_motions_open(&s->motions, s->packed, p->packed, p->test ? "test" : "train", error);
     }
     if (status != BRACE_OK) {
         train_source_destroy(s);
@@ -123,7 +93,7 @@ brace_status train_source_create(train_source **out, const train_source_params *
 void train_source_destroy(train_source *s) {
     if (s != NULL) {
         train_packed_close(s->packed);
-        motion_cache_destroy(s->motions);
+        train_motions_close(s->motions);
         dataset_screens_free(&s->screens);
         dataset_priors_destroy(s->priors);
         core_free(s->packed_folder);
@@ -165,26 +135,6 @@ static brace_status pick(size_t *out, const train_source *s, uint64_t n, brace_e
     *out = order[*out];
     core_free(order);
     return BRACE_OK;
-}
-
-static brace_status align_packed(motion_cache *cache, train_bracket *b, size_t index, const volatile int *cancel,
-                                 brace_error *error) {
-    restore_motion *kept = cache->motion + index * BRACE_BRACKET_MAX;
-    pthread_mutex_lock(&cache->lock);
-    b->aligned = cache->found[index];
-    pthread_mutex_unlock(&cache->lock);
-    if (b->aligned) {
-        memcpy(b->motion, kept, sizeof b->motion);
-        return BRACE_OK;
-    }
-    const brace_status status = train_bracket_align(b, cancel, error);
-    if (status == BRACE_OK) {
-        pthread_mutex_lock(&cache->lock);
-        memcpy(kept, b->motion, sizeof b->motion);
-        cache->found[index] = true;
-        pthread_mutex_unlock(&cache->lock);
-    }
-    return status;
 }
 
 static brace_status crops_of(const train_source *s, const train_bracket *bracket, uint64_t first, int count,
@@ -264,7 +214,7 @@ brace_status train_source_get(const train_source *s, uint64_t first, int count, 
     brace_status status = pick(&index, s, scene, error);
     if (status == BRACE_OK) {
         train_bracket bracket = *train_packed_at(s->packed, index);
-        status = p->align ? align_packed(s->motions, &bracket, index, cancel, error) : BRACE_OK;
+        status = p->align ? train_motions_get(s->motions, &bracket, index, cancel, error) : BRACE_OK;
         if (status == BRACE_OK) {
             status = crops_of(s, &bracket, first, count, out, error);
         }
