@@ -83,7 +83,8 @@ nn_parameter *nn_weights_find(nn_weights *weights, const char *name); /* NULL: n
 void nn_weights_changed(nn_weights *weights);                         /* after values were written from outside */
 void nn_weights_zero_grad(nn_weights *weights);
 
-/* safetensors (f32, f16, bf16) by name. Loading before a graph is built keeps the arrays for when it asks for them;
+/* safetensors (f32, f16, bf16) by name; PyTorch's .pth can be loaded, too, with the parameters at its top or under
+ * "state_dict". Loading before a graph is built keeps the arrays for when it asks for them;
  * after, all parameters must be there with their shapes, unless `partial`. Saving writes f32, bf16 or f16, atomically. */
 brace_status nn_weights_give(nn_weights *weights, const char *name, int rank, const int *shape, const float *values,
                              brace_error *error); /* one array, copied: now if the parameter is there, else kept */
