@@ -18,6 +18,7 @@ static nn_value level_flow(nn_graph *g, int level, nn_value reference, nn_value 
     static const int out[5] = {32, 64, 32, 16, 2};
     nn_value x =
         nn_concat(g, NN_AXIS_C, 3, (nn_value[]){reference, nn_warp(g, other, flow, NN_REPLICATE), flow});
+    x = nn_cast(g, x, nn_graph_type(g)); /* the flow itself stays exact; what is added to it is small */
     nn_push(g, "basic_module.%d.basic_module", level);
     for (int i = 0; i < 5; i++) {
         static const char *const names[5] = {"0", "2", "4", "6", "8"};

@@ -8,17 +8,18 @@
  *
  * As columns and products: blocks of pixels are sampled into rows of 9 c numbers, which
  * a matrix product takes to the result; backward, a product gives the columns'
- * gradient, from which come those of x, offsets and masks.
+ * gradient, from which come those of x, offsets and masks, while they are in the cache.
  *
  * Channels are cut into parts that lie in one offset group and one weight group. Columns
- * are ordered weight group, tap, channel.
+ * are ordered weight group, tap, channel. Units are whole groups of both kinds: what
+ * belongs to one, x' gradient above all, is nobody else's.
  */
 #include <string.h>
 
 #include "nn/chunks.h"
 #include "nn/move.h"
 
-enum { TAPS = 9, BLOCK = 64 /* pixels */, PARTIAL = 8 /* sums of weight gradients, side by side */ };
+enum { TAPS = 9, BLOCK = 64 /* pixels */, PARTIAL = 8 /* sums of weight gradients, of a picture */ };
 
 typedef struct deform {
     int pad, dilation;
@@ -34,12 +35,14 @@ typedef struct deform_job {
     const nn_rows *rows, *offset_rows, *mask_rows;
     nn_type wide;
     size_t t;       /* bytes of a number that is computed with */
-    size_t picture; /* backward: which */
     nn_view x, offset, mask;
     unsigned char *weights, *turned; /* T: {group, k, out/group} and {group, out/group, k} */
-    unsigned char *columns;          /* T: a block for each worker, or a picture's */
+    unsigned char *columns;          /* T: a block for each worker */
     unsigned char *results_t;        /* T: a block for each worker */
-    unsigned char *weight_sums, *sums;
+    /* Backward. */
+    size_t units, shares; /* workers share a picture's units */
+    bool train, data;     /* gradients of the parameters, and of what is put in */
+    unsigned char *weight_sums, *sums; /* T; sums: x' gradient */
 } deform_job;
 
 static size_t padded(size_t bytes) {
@@ -75,7 +78,8 @@ static size_t parts(const deform_job *job) {
 }
 
 static nn_taps taps_of(const deform_job *job, size_t group) {
-    const size_t count = parts(job);
+    const size_t count = parts(job), wide = job->d.c / job->d.weight_groups,
+                 first = group * count / job->d.offset_groups * (job->d.c / count); /* channel */
     return (nn_taps){.h = (int)job->h,
                      .w = (int)job->w,
                      .dilation = job->d.dilation,
@@ -84,7 +88,8 @@ static nn_taps taps_of(const deform_job *job, size_t group) {
                      .first = group * count / job->d.offset_groups,
                      .parts = count / job->d.offset_groups,
                      .wide = job->d.c / job->d.weight_groups,
-                     .k = job->k};
+                     .k = job->k,
+                     .column = first / wide * job->k + first % wide};
 }
 
 /* Offsets and masks of a group at a pixel of the result (counted over all pictures), and where its first tap is. */
@@ -114,9 +119,10 @@ static void find_taps(const deform_job *job, size_t pixel, size_t group, taps_at
     t->x = (double)(pixel % job->ow) - job->d.pad;
 }
 
-/* Rows of columns for some pixels. */
-static void sample_columns(const deform_job *job, size_t begin, size_t end, unsigned char *columns) {
-    for (size_t g = 0; g < job->d.offset_groups; g++) {
+/* Rows of columns for some pixels and offset groups. */
+static void sample_columns(const deform_job *job, size_t first, size_t last, size_t begin, size_t end,
+                           unsigned char *columns) {
+    for (size_t g = first; g < last; g++) {
         const nn_taps taps = taps_of(job, g);
         for (size_t p = begin; p < end; p++) {
             const unsigned char *picture =
@@ -162,7 +168,7 @@ static void forward_blocks(void *arg, size_t begin, size_t end, int worker) {
     const nn_parameter *b = job->call->parameter[1];
     for (size_t p = begin; p < end; p += BLOCK) {
         const size_t n = end - p < BLOCK ? end - p : BLOCK;
-        sample_columns(job, p, p + n, columns);
+        sample_columns(job, 0, job->d.offset_groups, p, p + n, columns);
         for (size_t i = 0; i < n; i++) {
             memcpy(results + i * out * job->t, job->wide == NN_F64 ? (const void *)b->value64 : (const void *)b->value,
                    out * job->t);
@@ -186,7 +192,7 @@ static void forward(nn_call *call) {
     core_parallel(call->pool, (size_t)call->in[0].shape.n * job.results, BLOCK, forward_blocks, &job);
 }
 
-/* ---- backward, a picture at a time ---- */
+/* ---- backward ---- */
 
 static const unsigned char *gradient_at(const deform_job *job, size_t pixel, size_t n, unsigned char *room) {
     const unsigned char *g = (const unsigned char *)job->call->dout.data + pixel * job->d.out * job->rows->s_size;
@@ -197,62 +203,56 @@ static const unsigned char *gradient_at(const deform_job *job, size_t pixel, siz
     return room;
 }
 
-/* Partial sum q takes blocks q, q + PARTIAL, ...: the same sums for any number of workers. */
-static void weight_blocks(void *arg, size_t begin, size_t end, int worker) {
-    const deform_job *job = arg;
+static size_t partial_bytes(const deform_job *job) {
+    return padded((job->d.out * job->k + job->d.out) * job->t);
+}
+
+/* A block of pixels, and the units that a worker has. */
+typedef struct deform_block {
+    size_t picture, at, n; /* at: of the picture */
+    size_t offset_first, offset_last, weight_first, weight_last; /* groups */
+    const unsigned char *g;
+    unsigned char *columns;
+} deform_block;
+
+/* Columns transposed times g. Stretches of a picture have sums of their own, whoever makes them. */
+static void back_weights(const deform_job *job, const deform_block *b) {
     const size_t row = TAPS * job->d.c, out = job->d.out, few = out / job->d.weight_groups;
-    unsigned char *columns = job->sums + (size_t)worker * padded(BLOCK * row * job->t),
-                  *room = job->results_t + (size_t)worker * padded(BLOCK * out * job->t);
-    for (size_t q = begin; q < end; q++) {
-        unsigned char *sums = job->weight_sums + q * padded((job->d.out * job->k + job->d.out) * job->t);
-        unsigned char *bias = sums + job->d.out * job->k * job->t;
-        for (size_t b = q * BLOCK; b < job->results; b += PARTIAL * BLOCK) {
-            const size_t p = job->picture * job->results + b, n = job->results - b < BLOCK ? job->results - b : BLOCK;
-            const unsigned char *g = gradient_at(job, p, n, room);
-            sample_columns(job, p, p + n, columns);
-            for (size_t i = 0; i < job->d.weight_groups; i++) { /* k x out of a group: columns transposed times g */
-                job->rows->product(job->k, few, n, columns + i * job->k * job->t, 1, row, g + i * few * job->t, out,
-                                   sums + i * job->k * few * job->t, few, true);
-            }
-            for (size_t i = 0; i < n; i++) {
-                job->rows->add_weighted_t(1, g + i * out * job->t, bias, out);
-            }
+    const size_t blocks = (job->results + BLOCK - 1) / BLOCK, p = b->picture * job->results + b->at;
+    unsigned char *sums =
+        job->weight_sums + (b->picture * PARTIAL + b->at / BLOCK * PARTIAL / blocks) * partial_bytes(job);
+    unsigned char *bias = sums + out * job->k * job->t;
+    sample_columns(job, b->offset_first, b->offset_last, p, p + b->n, b->columns);
+    for (size_t i = b->weight_first; i < b->weight_last; i++) {
+        job->rows->product(job->k, few, b->n, b->columns + i * job->k * job->t, 1, row, b->g + i * few * job->t, out,
+                           sums + i * job->k * few * job->t, few, true);
+        for (size_t q = 0; q < b->n; q++) {
+            job->rows->add_weighted_t(1, b->g + (q * out + i * few) * job->t, bias + i * few * job->t, few);
         }
     }
 }
 
-static void column_blocks(void *arg, size_t begin, size_t end, int worker) {
-    const deform_job *job = arg;
-    const size_t row = TAPS * job->d.c, out = job->d.out, few = out / job->d.weight_groups;
-    unsigned char *room = job->results_t + (size_t)worker * padded(BLOCK * out * job->t);
-    for (size_t b = begin; b < end; b += BLOCK) {
-        const size_t n = end - b < BLOCK ? end - b : BLOCK;
-        const unsigned char *g = gradient_at(job, job->picture * job->results + b, n, room);
-        for (size_t i = 0; i < job->d.weight_groups; i++) {
-            job->rows->product(n, job->k, few, g + i * few * job->t, out, 1, job->turned + i * few * job->k * job->t,
-                               job->k, job->columns + (b * row + i * job->k) * job->t, row, false);
-        }
-    }
-}
-
-/* From the columns' gradient those of x, offsets and masks. One worker does an offset group, whose channels are nobody
- * else's, in the order of the pixels. */
-static void back_groups(void *arg, size_t begin, size_t end, int worker) {
-    const deform_job *job = arg;
+/* From the columns' gradient those of x, offsets and masks. */
+static void back_data(const deform_job *job, const deform_block *b) {
     const nn_view d_offset = job->call->din[1], d_mask = job->call->din[2];
-    const unsigned char *picture =
-        (const unsigned char *)job->x.data + job->picture * job->pixels * job->d.c * job->rows->s_size;
-    (void)worker;
-    for (size_t g = begin; g < end; g++) {
-        const nn_taps taps = taps_of(job, g);
-        for (size_t b = 0; b < job->results; b++) {
-            const size_t p = job->picture * job->results + b, at = p * job->d.offset_groups + g;
+    const size_t row = TAPS * job->d.c, out = job->d.out, few = out / job->d.weight_groups;
+    const size_t first = b->picture * job->pixels * job->d.c;
+    const unsigned char *picture = (const unsigned char *)job->x.data + first * job->rows->s_size;
+    unsigned char *sums = job->call->din[0].data != NULL ? job->sums + first * job->t : NULL;
+    for (size_t i = b->weight_first; i < b->weight_last; i++) {
+        job->rows->product(b->n, job->k, few, b->g + i * few * job->t, out, 1, job->turned + i * few * job->k * job->t,
+                           job->k, b->columns + i * job->k * job->t, row, false);
+    }
+    for (size_t q = 0; q < b->n; q++) {
+        const size_t p = b->picture * job->results + b->at + q;
+        for (size_t g = b->offset_first; g < b->offset_last; g++) {
+            const nn_taps taps = taps_of(job, g);
+            const size_t at = p * job->d.offset_groups + g;
             double offsets[18], masks[9]; /* room for T */
             taps_at t;
             find_taps(job, p, g, &t);
-            job->rows->taps_back(&taps, picture, t.offset, t.mask, t.y, t.x,
-                                 job->columns + b * TAPS * job->d.c * job->t,
-                                 job->call->din[0].data != NULL ? job->sums : NULL, offsets, masks);
+            job->rows->taps_back(&taps, picture, t.offset, t.mask, t.y, t.x, b->columns + q * row * job->t, sums,
+                                 offsets, masks);
             if (d_offset.data != NULL) {
                 nn_put(job->offset_rows, d_offset, 18 * at, 18, offsets, job->call->add[1]);
             }
@@ -263,10 +263,36 @@ static void back_groups(void *arg, size_t begin, size_t end, int worker) {
     }
 }
 
+/* A share of a picture's units each, in the order of the pixels. */
+static void back_shares(void *arg, size_t begin, size_t end, int worker) {
+    const deform_job *job = arg;
+    const size_t offsets = job->d.offset_groups / job->units, weights = job->d.weight_groups / job->units;
+    unsigned char *room = job->results_t + (size_t)worker * padded(BLOCK * job->d.out * job->t);
+    for (size_t s = begin; s < end; s++) {
+        const size_t share = s % job->shares, first = share * job->units / job->shares,
+                     last = (share + 1) * job->units / job->shares;
+        deform_block b = {.picture = s / job->shares,
+                          .offset_first = first * offsets,
+                          .offset_last = last * offsets,
+                          .weight_first = first * weights,
+                          .weight_last = last * weights,
+                          .columns = job->columns + (size_t)worker * padded(BLOCK * TAPS * job->d.c * job->t)};
+        for (; b.at < job->results; b.at += BLOCK) {
+            b.n = job->results - b.at < BLOCK ? job->results - b.at : BLOCK;
+            b.g = gradient_at(job, b.picture * job->results + b.at, b.n, room);
+            if (job->train) {
+                back_weights(job, &b);
+            }
+            if (job->data) {
+                back_data(job, &b);
+            }
+        }
+    }
+}
+
 static void put_chunk(const void *context, size_t offset, size_t n) {
     const deform_job *job = context;
-    nn_put(job->rows, job->call->din[0], job->picture * job->pixels * job->d.c + offset, n, job->sums + offset * job->t,
-           job->call->add[0]);
+    nn_put(job->rows, job->call->din[0], offset, n, job->sums + offset * job->t, job->call->add[0]);
 }
 
 static double number(const deform_job *job, const unsigned char *p, size_t i) {
@@ -276,13 +302,13 @@ static double number(const deform_job *job, const unsigned char *p, size_t i) {
 /* Adds the partial sums to the parameters' gradients, in the parameters' order. */
 static void add_weights(const deform_job *job) {
     const size_t wide = job->d.c / job->d.weight_groups, few = job->d.out / job->d.weight_groups,
-                 stride = padded((job->d.out * job->k + job->d.out) * job->t);
+                 stride = partial_bytes(job), count = (size_t)job->call->in[0].shape.n * PARTIAL;
     nn_parameter *w = job->call->parameter[0], *b = job->call->parameter[1];
     for (size_t o = 0; o < job->d.out; o++) {
         for (size_t i = 0; i < wide * TAPS && !w->frozen; i++) {
             const size_t k = i % TAPS * wide + i / TAPS, at = (o / few * job->k + k) * few + o % few;
             double sum = 0;
-            for (size_t q = 0; q < PARTIAL; q++) {
+            for (size_t q = 0; q < count; q++) {
                 sum += number(job, job->weight_sums + q * stride, at);
             }
             if (job->wide == NN_F64) {
@@ -292,7 +318,7 @@ static void add_weights(const deform_job *job) {
             }
         }
         double sum = 0;
-        for (size_t q = 0; q < PARTIAL; q++) {
+        for (size_t q = 0; q < count; q++) {
             sum += number(job, job->weight_sums + q * stride, job->d.out * job->k + o);
         }
         if (!b->frozen && job->wide == NN_F64) {
@@ -303,40 +329,32 @@ static void add_weights(const deform_job *job) {
     }
 }
 
-static size_t sums_bytes(const deform_job *job, size_t threads) {
-    const size_t picture = padded(job->pixels * job->d.c * job->t),
-                 blocks = threads * padded(BLOCK * TAPS * job->d.c * job->t);
-    return picture > blocks ? picture : blocks; /* x' gradient, or workers' columns */
-}
-
 static void backward(nn_call *call) {
     deform_job job = job_of(call);
-    const size_t threads = (size_t)core_pool_threads(call->pool);
-    const bool data = call->din[0].data != NULL || call->din[1].data != NULL || call->din[2].data != NULL;
-    const size_t partial = PARTIAL * padded((job.d.out * job.k + job.d.out) * job.t);
+    const size_t threads = (size_t)core_pool_threads(call->pool), n = (size_t)call->in[0].shape.n;
+    const size_t partial = n * PARTIAL * partial_bytes(&job), x = n * job.pixels * job.d.c;
+    const nn_view dx = call->din[0];
+    const bool direct = dx.type != NN_BF16;
+    job.units = job.d.offset_groups < job.d.weight_groups ? job.d.offset_groups : job.d.weight_groups;
+    job.shares = (threads + n - 1) / n < job.units ? (threads + n - 1) / n : job.units;
+    job.train = !call->parameter[0]->frozen || !call->parameter[1]->frozen;
+    job.data = dx.data != NULL || call->din[1].data != NULL || call->din[2].data != NULL;
     job.weights = call->scratch;
     job.turned = job.weights + weight_bytes(&job);
     job.columns = job.turned + weight_bytes(&job);
-    job.results_t = job.columns + padded(job.results * TAPS * job.d.c * job.t);
+    job.results_t = job.columns + threads * padded(BLOCK * TAPS * job.d.c * job.t);
     job.weight_sums = job.results_t + threads * padded(BLOCK * job.d.out * job.t);
-    job.sums = job.weight_sums + partial;
+    job.sums = direct ? dx.data : job.weight_sums + partial;
     order_weights(&job);
-    const bool train = !call->parameter[0]->frozen || !call->parameter[1]->frozen;
     memset(job.weight_sums, 0, partial);
-    for (; job.picture < (size_t)call->in[0].shape.n; job.picture++) {
-        if (train) {
-            core_parallel(call->pool, PARTIAL, 1, weight_blocks, &job);
-        }
-        if (data) {
-            core_parallel(call->pool, job.results, BLOCK, column_blocks, &job);
-            nn_zero(call->pool, job.sums, job.pixels * job.d.c * job.t);
-            core_parallel(call->pool, job.d.offset_groups, 1, back_groups, &job);
-        }
-        if (call->din[0].data != NULL) {
-            nn_each_chunk(call->pool, job.pixels * job.d.c, put_chunk, &job);
-        }
+    if (dx.data != NULL && !(direct && call->add[0])) {
+        nn_zero(call->pool, job.sums, x * job.t);
     }
-    if (train) {
+    core_parallel(call->pool, n * job.shares, 1, back_shares, &job);
+    if (dx.data != NULL && !direct) {
+        nn_each_chunk(call->pool, x, put_chunk, &job);
+    }
+    if (job.train) {
         add_weights(&job);
     }
 }
@@ -344,12 +362,14 @@ static void backward(nn_call *call) {
 static size_t scratch_bytes(const nn_call *call, bool backward_pass, int threads) {
     nn_call copy = *call;
     const deform_job job = job_of(&copy);
-    const size_t n = (size_t)threads, results = n * padded(BLOCK * job.d.out * job.t);
+    const size_t workers = (size_t)threads, n = (size_t)call->in[0].shape.n;
+    const size_t both = 2 * weight_bytes(&job) + workers * (padded(BLOCK * TAPS * job.d.c * job.t) +
+                                                            padded(BLOCK * job.d.out * job.t));
     if (!backward_pass) {
-        return 2 * weight_bytes(&job) + n * padded(BLOCK * TAPS * job.d.c * job.t) + results;
+        return both;
     }
-    return 2 * weight_bytes(&job) + padded(job.results * TAPS * job.d.c * job.t) + results +
-           PARTIAL * padded((job.d.out * job.k + job.d.out) * job.t) + sums_bytes(&job, n);
+    return both + n * PARTIAL * partial_bytes(&job) +
+           (call->in[0].type == NN_BF16 ? n * job.pixels * job.d.c * job.t : 0);
 }
 
 static double flops(const nn_call *call) {

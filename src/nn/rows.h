@@ -35,10 +35,14 @@ typedef struct nn_taps {
     size_t channels; /* of a pixel */
     size_t c, first, parts;
     size_t wide, k; /* channels, and numbers of a row of columns, of a weight group */
+    size_t column;  /* where the first tap of the first part begins in a row of columns */
 } nn_taps;
 
-/* Where a tap of a part begins in a row of columns. */
+/* Where a tap of a part begins there. */
 static inline size_t nn_taps_column(const nn_taps *p, size_t part, int tap) {
+    if (part == 0) {
+        return p->column + (size_t)tap * p->wide;
+    }
     const size_t channel = (p->first + part) * p->c;
     return channel / p->wide * p->k + (size_t)tap * p->wide + channel % p->wide;
 }

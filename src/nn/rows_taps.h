@@ -92,41 +92,51 @@ static void NAME(taps_back)(const nn_taps *p, const void *picture, const void *o
         NAME(tap) k;
         T value = 0, slope_y = 0, slope_x = 0;
         if (NAME(find_tap)(p, offset, tap, (T)py, (T)px, &k)) {
-            T dot[4] = {0, 0, 0, 0};
-            NAME(eight) dots[4] = {{0}, {0}, {0}, {0}};
+            NAME(eight) values = {0}, slopes_y = {0}, slopes_x = {0};
             for (size_t q = 0; q < p->parts; q++) {
                 const T *g = (const T *)columns + nn_taps_column(p, q, tap);
+                size_t start[4], i = 0;
+                T w[4];
                 for (int j = 0; j < 4; j++) {
-                    const size_t start = k.pixel[j] * p->channels + (p->first + q) * p->c;
-                    const S *at = x + start;
-                    const T w = k.weight[j] * mask[tap];
-                    T *to = sums != NULL ? (T *)sums + start : NULL;
-                    size_t i = 0;
-                    for (; i + 8 <= p->c; i += 8) {
-                        NAME(eight) gi, xi, sum;
-                        memcpy(&gi, g + i, sizeof gi);
-                        NAME(load_eight)(&xi, at + i);
-                        dots[j] += gi * xi;
-                        if (to != NULL) {
-                            memcpy(&sum, to + i, sizeof sum);
-                            sum += w * gi;
-                            memcpy(to + i, &sum, sizeof sum);
-                        }
+                    start[j] = k.pixel[j] * p->channels + (p->first + q) * p->c;
+                    w[j] = k.weight[j] * mask[tap];
+                }
+                for (; i + 8 <= p->c; i += 8) {
+                    NAME(eight) gi, v = {0}, vy = {0}, vx = {0};
+                    memcpy(&gi, g + i, sizeof gi);
+                    for (int j = 0; j < 4; j++) {
+                        NAME(eight) xi;
+                        NAME(load_eight)(&xi, x + start[j] + i);
+                        v += k.weight[j] * xi;
+                        vy += k.dy[j] * xi;
+                        vx += k.dx[j] * xi;
                     }
-                    for (; i < p->c; i++) {
-                        dot[j] += g[i] * LOAD(at[i]);
-                        if (to != NULL) {
-                            to[i] += w * g[i];
+                    values += gi * v;
+                    slopes_y += gi * vy;
+                    slopes_x += gi * vx;
+                    for (int j = 0; j < 4 && sums != NULL; j++) { /* corners may be the same pixel: one by one */
+                        T *to = (T *)sums + start[j] + i;
+                        NAME(eight) sum;
+                        memcpy(&sum, to, sizeof sum);
+                        sum += w[j] * gi;
+                        memcpy(to, &sum, sizeof sum);
+                    }
+                }
+                for (; i < p->c; i++) {
+                    for (int j = 0; j < 4; j++) {
+                        const T product = g[i] * LOAD(x[start[j] + i]);
+                        value += k.weight[j] * product;
+                        slope_y += k.dy[j] * product;
+                        slope_x += k.dx[j] * product;
+                        if (sums != NULL) {
+                            ((T *)sums)[start[j] + i] += w[j] * g[i];
                         }
                     }
                 }
             }
-            for (int j = 0; j < 4; j++) {
-                dot[j] += NAME(sum_eight)(&dots[j]);
-                value += k.weight[j] * dot[j];
-                slope_y += k.dy[j] * dot[j];
-                slope_x += k.dx[j] * dot[j];
-            }
+            value += NAME(sum_eight)(&values);
+            slope_y += NAME(sum_eight)(&slopes_y);
+            slope_x += NAME(sum_eight)(&slopes_x);
         }
         d_mask[tap] = value;
         d_offset[2 * tap] = slope_y * mask[tap];

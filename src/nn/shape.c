@@ -281,8 +281,62 @@ typedef struct repeat {
     int times;
 } repeat;
 
+/* The numbers that are copied together lie together, and so do their copies. Short ones, such as a pixel's, are worth
+ * loops of their own. */
+typedef struct repeat_job {
+    nn_call *call;
+    const nn_rows *rows;
+    size_t n, times; /* n numbers, so many times */
+} repeat_job;
+
+static bool is_short(const repeat *r) {
+    return r->step * r->times <= NN_CHUNK;
+}
+
+static repeat_job short_job(nn_call *call, nn_type type) {
+    const repeat *r = call->attributes;
+    return (repeat_job){.call = call, .rows = nn_rows_of(type), .n = (size_t)r->step, .times = (size_t)r->times};
+}
+
+static void copy_short(void *arg, size_t begin, size_t end, int worker) {
+    const repeat_job *job = arg;
+    const size_t bytes = job->n * job->rows->s_size, all = job->times * bytes;
+    (void)worker;
+    for (size_t i = begin; i < end; i++) {
+        unsigned char *to = (unsigned char *)job->call->out.data + i * all;
+        memcpy(to, (const unsigned char *)job->call->in[0].data + i * bytes, bytes);
+        for (size_t done = bytes; done < all;) {
+            const size_t more = all - done < done ? all - done : done;
+            memcpy(to + done, to, more);
+            done += more;
+        }
+    }
+}
+
+/* The second half is added to the first, until one copy is left. */
+static void add_short(void *arg, size_t begin, size_t end, int worker) {
+    const repeat_job *job = arg;
+    (void)worker;
+    for (size_t i = begin; i < end; i++) {
+        nn_chunk sums;
+        unsigned char *room = (unsigned char *)&sums;
+        job->rows->load((const unsigned char *)job->call->dout.data + i * job->n * job->times * job->rows->s_size, room,
+                        job->n * job->times);
+        for (size_t times = job->times; times > 1; times -= times / 2) {
+            job->rows->add_weighted_t(1, room + (times - times / 2) * job->n * job->rows->t_size, room,
+                                      times / 2 * job->n);
+        }
+        nn_put(job->rows, job->call->din[0], i * job->n, job->n, room, job->call->add[0]);
+    }
+}
+
 static void repeat_forward(nn_call *call) {
     const repeat *r = call->attributes;
+    if (is_short(r)) {
+        repeat_job job = short_job(call, call->out.type);
+        core_parallel(call->pool, nn_count(call->out.shape) / (job.n * job.times), 256, copy_short, &job);
+        return;
+    }
     for (int i = 0; i < r->times; i++) {
         nn_move m = r->move;
         m.to_start = i * r->step;
@@ -292,6 +346,11 @@ static void repeat_forward(nn_call *call) {
 
 static void repeat_backward(nn_call *call) {
     const repeat *r = call->attributes;
+    if (call->din[0].data != NULL && is_short(r)) {
+        repeat_job job = short_job(call, call->dout.type);
+        core_parallel(call->pool, nn_count(call->dout.shape) / (job.n * job.times), 256, add_short, &job);
+        return;
+    }
     for (int i = 0; i < r->times && call->din[0].data != NULL; i++) {
         nn_move m = r->move;
         m.to_start = i * r->step;

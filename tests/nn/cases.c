@@ -68,6 +68,7 @@ CASE(slices) {
 }
 CASE(repeat_n) { return nn_repeat(g, x[0], NN_AXIS_N, 3); }
 CASE(repeat_c) { return nn_repeat(g, x[0], NN_AXIS_C, 2); }
+CASE(repeat_many) { return nn_repeat(g, x[0], NN_AXIS_C, 13); }
 CASE(flip_w) { return nn_flip(g, x[0], NN_AXIS_W); }
 CASE(flip_c) { return nn_flip(g, x[0], NN_AXIS_C); }
 CASE(roll_h) { return nn_roll(g, x[0], NN_AXIS_H, 2); }
@@ -240,6 +241,8 @@ const op_case op_cases[] = {
     {"slices", {{2, 2, 5, 3}}, -1, 1, slices},
     {"repeat_n", {{1, 3, 4, 2}}, -1, 1, repeat_n},
     {"repeat_c", {{2, 2, 3, 3}}, -1, 1, repeat_c},
+    {"repeat_long", {{2, 8, 7, 7}}, -1, 1, repeat_n},
+    {"repeat_many", {{2, 2, 3, 3}}, -1, 1, repeat_many},
     {"flip_w", {X}, -1, 1, flip_w},
     {"flip_c", {X}, -1, 1, flip_c},
     {"roll_h", {X}, -1, 1, roll_h},
