@@ -17,6 +17,7 @@ static const cli_command commands[] = {
     {"simulate", "photographs of a display: a screenshot in, a bracket of RAW frames out", cli_simulate},
     {"dataset", "training sets: build, pack, verify, info, import", cli_dataset},
     {"train", "learn a network's weights from a configuration", cli_train},
+    {"model", "what a file of weights is; convert it", cli_model},
     {"bench", "how fast BRACE is on this computer", cli_bench},
 };
 enum { COMMANDS = sizeof commands / sizeof commands[0] };
