@@ -99,6 +99,11 @@ typedef struct brace_restored {
 BRACE_API brace_status brace_restore(brace_restored **out, const brace_bracket *bracket,
                                      const brace_restore_params *params, const brace_job *job, brace_error *error);
 
+/* Whether a model (as params.model; NULL: the default) is there and its weights are those of the network that they say:
+ * BRACE_OK, or the error that brace_restore would end with; for the default, BRACE_ERROR_IO if it is not installed.
+ * `error` may be NULL. */
+BRACE_API brace_status brace_model_check(const char *model, brace_error *error);
+
 /* Frees a result; NULL is allowed. */
 BRACE_API void brace_restored_destroy(brace_restored *restored);
 

@@ -17,6 +17,7 @@ static const cli_command commands[] = {
     {"simulate", "photographs of a display: a screenshot in, a bracket of RAW frames out", cli_simulate},
     {"dataset", "training sets: build, pack, verify, info, import", cli_dataset},
     {"train", "learn a network's weights from a configuration", cli_train},
+    {"eval", "how well methods restore the samples of a set: tables, a report, pictures", cli_eval},
     {"bench", "how fast BRACE is on this computer", cli_bench},
 };
 enum { COMMANDS = sizeof commands / sizeof commands[0] };

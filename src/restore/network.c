@@ -34,6 +34,20 @@ bool restore_network_fits(const restore_network *n, const brace_bracket *b, char
     return true;
 }
 
+brace_status brace_model_check(const char *model, brace_error *error) {
+    restore_network *n;
+    brace_status status = restore_network_open(&n, model, error);
+    if (status == BRACE_OK && n == NULL) {
+        status = core_fail(error, BRACE_ERROR_IO, "no network's weights are installed (brace-s.safetensors)");
+    }
+    if (status == BRACE_OK) {
+        status = restore_network_plan(n, RESTORE_TILE_LEAST, RESTORE_TILE_LEAST, BRACE_PRECISION_F32,
+                                      &(brace_job){.threads = 1}, error);
+    }
+    restore_network_close(n);
+    return status;
+}
+
 /* ---- memory ---- */
 
 /* Bytes that the machine could give without others going short. */
