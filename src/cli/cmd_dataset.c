@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "sim/dataset.h"
+#include "train/motions.h"
 
 typedef struct common {
     bool json, quiet;
@@ -175,8 +176,8 @@ static int run_pack(int argc, char **argv) {
         COMMON_OPTIONS(c)};
     const cli_usage usage = {command, "FOLDER -o SHARDS [options]",
                              "Packs the samples of a set into safetensors files (uint16 frames and truths,\n"
-                             "metadata as JSON), which training maps into memory. The same samples give the\n"
-                             "same bytes.",
+                             "metadata as JSON), which training maps into memory, and aligns their brackets\n"
+                             "(motions.safetensors). The same samples give the same bytes.",
                              options, "Example:\n  brace dataset pack set/ -o shards/\n"};
     int code = cli_parse(&usage, argc, argv, &operands);
     if (code < 0) {
@@ -193,6 +194,9 @@ static int run_pack(int argc, char **argv) {
         const dataset_pack_params params = {.shard_bytes = (uint64_t)(megabytes * 1048576)};
         cli_report_begin(&report, &job, command, c.quiet, c.threads);
         brace_status status = dataset_pack(operands.items[0], c.output, &params, &job, &shards, &error);
+        if (status == BRACE_OK) {
+            status = train_motions_make(c.output, &job, &error);
+        }
         code = ended(command, &report, &c, status, &error);
         if (code == CLI_DONE && c.json) {
             code = print_json(json_pack("{s:o, s:I}", "output", cli_json_text(c.output), "shards", (json_int_t)shards),

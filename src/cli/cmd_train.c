@@ -9,7 +9,7 @@
 
 static const char command[] = "train";
 
-/* "configs/stage1-s.json": runs/stage1-s */
+/* "configs/brace-s-stage1.json": runs/brace-s-stage1 */
 static void folder_for(char *out, size_t size, const char *config) {
     const char *name = strrchr(config, '/');
     name = name != NULL ? name + 1 : config;
@@ -104,9 +104,9 @@ int cli_train(int argc, char **argv) {
                              "The paper's two stages are among the configurations that come with BRACE.",
                              options,
                              "Examples:\n"
-                             "  brace train stage1-s.json -o runs/mine\n"
-                             "  brace train stage1-s.json -o runs/mine --resume\n"
-                             "  mpirun -n 4 brace train stage1.json\n"};
+                             "  brace train brace-s-stage1.json -o runs/mine\n"
+                             "  brace train brace-s-stage1.json -o runs/mine --resume\n"
+                             "  mpirun -n 4 brace train brace-stage1.json\n"};
     int code = cli_parse(&usage, argc, argv, &operands);
     char folder[4096];
     if (code < 0 && operands.count != 1) {

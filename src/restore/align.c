@@ -219,10 +219,37 @@ static void tile_range(size_t n, int tiles, int i, size_t *begin, size_t *end) {
     *end = n * ((size_t)i + 1) / (size_t)tiles;
 }
 
+typedef int32_t v4i __attribute__((vector_size(16)));
+
+/* The sums along one row of a tile, whose v is the same: tensor and force times 1, u, uu; colours side by side. */
+typedef struct align_row {
+    v4 tensor[3][3], force[2][2], residual, pixels, cross, energy0, energy1;
+} align_row;
+
+static double sum3(v4 a) {
+    return (double)a[0] + (double)a[1] + (double)a[2];
+}
+
+static void add_row(align_sums *s, const align_row *r, double v) {
+    for (int a = 0; a < 3; a++) { /* times 1, u, v, uu, uv, vv */
+        const double one = sum3(r->tensor[a][0]), u = sum3(r->tensor[a][1]), uu = sum3(r->tensor[a][2]);
+        const double add[6] = {one, u, one * v, uu, u * v, one * v * v};
+        for (int k = 0; k < 6; k++)
+            s->tensor[a][k] += add[k];
+    }
+    for (int a = 0; a < 2; a++) {
+        const double one = sum3(r->force[a][0]), u = sum3(r->force[a][1]);
+        s->force[a][0] += one, s->force[a][1] += u, s->force[a][2] += one * v;
+    }
+    for (int c = 0; c < 3; c++)
+        s->residual[c] += (double)r->residual[c], s->pixels[c] += (double)r->pixels[c];
+    s->cross += sum3(r->cross), s->energy0 += sum3(r->energy0), s->energy1 += sum3(r->energy1);
+}
+
 static void align_tile(const align_run *run, int tile) {
     const align_level *r = run->reference, *m = run->moved;
     const restore_motion *motion = run->motion;
-    const double half_w = 0.5 * (double)r->width, half_h = 0.5 * (double)r->height;
+    const float half_w = 0.5f * (float)r->width, half_h = 0.5f * (float)r->height;
     align_sums *s = &run->sums[tile];
     memset(s, 0, sizeof *s);
     size_t x0, x1, y0, y1;
@@ -236,47 +263,49 @@ static void align_tile(const align_run *run, int tile) {
         x1 = r->width - 1;
     if (y1 > r->height - 1)
         y1 = r->height - 1;
-    double local_x = motion->columns ? motion->dx[tile] : 0, local_y = motion->columns ? motion->dy[tile] : 0;
+    const double local_x = motion->columns ? (double)motion->dx[tile] : 0;
+    const double local_y = motion->columns ? (double)motion->dy[tile] : 0;
+    v4 sharpness = v4_set(1), strength = v4_set(0); /* of the Cauchy weights 1/(k k (1 + (d/2k)^2)) */
+    for (int c = 0; c < 3; c++) {
+        const float k = run->scale[c];
+        sharpness[c] = 0.25f / (k * k), strength[c] = 1 / (k * k);
+    }
+    /* Along a row, where a pixel is found moves by the same step: x' = ax + bx x, y' = ay + by x. */
+    const float step_x = (float)(1 + motion->a[1] / (double)half_w), step_y = (float)(motion->a[4] / (double)half_w);
+    const float last_x = (float)m->width - 1, last_y = (float)m->height - 1;
+    const v4 zero = v4_set(0), half = v4_set(0.5f), one = v4_set(1);
     for (size_t y = y0; y < y1; y++) {
-        double v = ((double)y - half_h) / half_w;
-        for (size_t x = x0; x < x1; x++) {
-            size_t i = y * r->width + x;
+        const float v = ((float)y - half_h) / half_w;
+        const double u0 = ((double)x0 - (double)half_w) / (double)half_w;
+        float sx = (float)((double)x0 + motion->a[0] + motion->a[1] * u0 + motion->a[2] * (double)v + local_x);
+        float sy = (float)((double)y + motion->a[3] + motion->a[4] * u0 + motion->a[5] * (double)v + local_y);
+        align_row row = {0};
+        for (size_t x = x0; x < x1; x++, sx += step_x, sy += step_y) {
+            const size_t i = y * r->width + x;
             v4 valid = r->valid[i];
-            if (valid[0] + valid[1] + valid[2] == 0)
+            if (valid[0] + valid[1] + valid[2] == 0 || !(sx >= 0 && sy >= 0 && sx < last_x && sy < last_y))
                 continue;
-            double u = ((double)x - half_w) / half_w;
-            double sx = (double)x + motion->a[0] + motion->a[1] * u + motion->a[2] * v + local_x;
-            double sy = (double)y + motion->a[3] + motion->a[4] * u + motion->a[5] * v + local_y;
-            if (!(sx >= 0 && sy >= 0 && sx < (double)m->width - 1 && sy < (double)m->height - 1))
-                continue;
-            size_t ix = (size_t)sx, iy = (size_t)sy, j = iy * m->width + ix;
-            valid *= m->valid[j] * m->valid[j + 1] * m->valid[j + m->width] * m->valid[j + m->width + 1];
-            if (valid[0] + valid[1] + valid[2] == 0)
-                continue;
-            float fx = (float)(sx - (double)ix), fy = (float)(sy - (double)iy);
-            v4 top = m->feature[j] + v4_set(fx) * (m->feature[j + 1] - m->feature[j]);
-            v4 bottom =
-                m->feature[j + m->width] + v4_set(fx) * (m->feature[j + m->width + 1] - m->feature[j + m->width]);
-            v4 f1 = top + v4_set(fy) * (bottom - top), f0 = r->feature[i], d = f0 - f1;
-            v4 gx = (r->feature[i + 1] - r->feature[i - 1]) * v4_set(0.5f);
-            v4 gy = (r->feature[i + r->width] - r->feature[i - r->width]) * v4_set(0.5f);
-            double t[3] = {0, 0, 0}, b[2] = {0, 0};
-            for (int c = 0; c < 3; c++) {
-                if (valid[c] == 0)
-                    continue;
-                float k = run->scale[c], q = d[c] / (2 * k), w = 1 / (k * k * (1 + q * q)); /* Cauchy */
-                t[0] += w * gx[c] * gx[c], t[1] += w * gx[c] * gy[c], t[2] += w * gy[c] * gy[c];
-                b[0] += w * gx[c] * d[c], b[1] += w * gy[c] * d[c];
-                s->residual[c] += fabsf(d[c]), s->pixels[c] += 1;
-                s->cross += f0[c] * f1[c], s->energy0 += f0[c] * f0[c], s->energy1 += f1[c] * f1[c];
-            }
-            const double p[6] = {1, u, v, u * u, u * v, v * v};
-            for (int k = 0; k < 6; k++)
-                for (int a = 0; a < 3; a++)
-                    s->tensor[a][k] += t[a] * p[k];
-            for (int k = 0; k < 3; k++)
-                s->force[0][k] += b[0] * p[k], s->force[1][k] += b[1] * p[k];
+            const size_t ix = (size_t)sx, iy = (size_t)sy, j = iy * m->width + ix, k = j + m->width;
+            valid *= m->valid[j] * m->valid[j + 1] * m->valid[k] * m->valid[k + 1];
+            valid = (v4)((valid != zero) & (v4i)one);
+            const v4 fx = v4_set(sx - (float)ix), fy = v4_set(sy - (float)iy);
+            const v4 top = m->feature[j] + fx * (m->feature[j + 1] - m->feature[j]);
+            const v4 bottom = m->feature[k] + fx * (m->feature[k + 1] - m->feature[k]);
+            const v4 f1 = valid * (top + fy * (bottom - top)), f0 = valid * r->feature[i], d = f0 - f1;
+            const v4 gx = valid * (r->feature[i + 1] - r->feature[i - 1]) * half;
+            const v4 gy = valid * (r->feature[i + r->width] - r->feature[i - r->width]) * half;
+            const v4 w = strength / (one + d * d * sharpness), wx = w * gx, wy = w * gy;
+            const v4 u = v4_set(((float)x - half_w) / half_w), uu = u * u;
+            const v4 xx = wx * gx, xy = wx * gy, yy = wy * gy, bx = wx * d, by = wy * d;
+            row.tensor[0][0] += xx, row.tensor[0][1] += xx * u, row.tensor[0][2] += xx * uu;
+            row.tensor[1][0] += xy, row.tensor[1][1] += xy * u, row.tensor[1][2] += xy * uu;
+            row.tensor[2][0] += yy, row.tensor[2][1] += yy * u, row.tensor[2][2] += yy * uu;
+            row.force[0][0] += bx, row.force[0][1] += bx * u;
+            row.force[1][0] += by, row.force[1][1] += by * u;
+            row.residual += v4_abs(d), row.pixels += valid;
+            row.cross += f0 * f1, row.energy0 += f0 * f0, row.energy1 += f1 * f1;
         }
+        add_row(s, &row, (double)v);
     }
 }
 

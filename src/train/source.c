@@ -10,6 +10,7 @@
 #include "sim/dataset_priors.h"
 #include "sim/dataset_screens.h"
 #include "sim/simulate.h"
+#include "train/motions.h"
 
 enum { STREAM_WINDOW = 0x54520001, STREAM_ORDER };
 
@@ -17,6 +18,7 @@ struct train_source {
     train_source_params params;
     char *packed_folder, *screens_folder, *priors_file; /* copies */
     train_packed *packed;
+    train_motions *motions; /* of packed brackets */
     dataset_screens screens;
     dataset_priors *priors;
 };
@@ -77,6 +79,9 @@ brace_status train_source_create(train_source **out, const train_source_params *
                      ? train_packed_open(&s->packed, p->packed, p->test ? "test" : "train", p->frames, error)
                      : open_simulator(s, job, error);
     }
+    if (status == BRACE_OK && p->packed != NULL && p->align) {
+        status = train_motions_open(&s->motions, s->packed, p->packed, p->test ? "test" : "train", error);
+    }
     if (status != BRACE_OK) {
         train_source_destroy(s);
         return status;
@@ -88,6 +93,7 @@ brace_status train_source_create(train_source **out, const train_source_params *
 void train_source_destroy(train_source *s) {
     if (s != NULL) {
         train_packed_close(s->packed);
+        train_motions_close(s->motions);
         dataset_screens_free(&s->screens);
         dataset_priors_destroy(s->priors);
         core_free(s->packed_folder);
@@ -208,7 +214,7 @@ brace_status train_source_get(const train_source *s, uint64_t first, int count, 
     brace_status status = pick(&index, s, scene, error);
     if (status == BRACE_OK) {
         train_bracket bracket = *train_packed_at(s->packed, index);
-        status = p->align ? train_bracket_align(&bracket, cancel, error) : BRACE_OK;
+        status = p->align ? train_motions_get(s->motions, &bracket, index, cancel, error) : BRACE_OK;
         if (status == BRACE_OK) {
             status = crops_of(s, &bracket, first, count, out, error);
         }

@@ -40,7 +40,7 @@ size_t train_source_size(const train_source *source); /* brackets of a packed se
 brace_status train_source_get(const train_source *source, uint64_t first, int count, train_sample *out,
                               const volatile int *cancel, brace_error *error);
 
-/* source_packed.c: brackets that lie in shards. */
+/* source_packed.c: brackets that lie in shards, of so many frames; 0: of any number. */
 typedef struct train_packed train_packed;
 brace_status train_packed_open(train_packed **out, const char *folder, const char *split, int frames,
                                brace_error *error);

@@ -109,6 +109,9 @@ static brace_status read_bracket(train_bracket *b, const core_safetensors *shard
         truth->shape[1] < 4 || truth->shape[0] > BRACE_MAX_SIDE || truth->shape[1] > BRACE_MAX_SIDE) {
         return core_fail(error, BRACE_ERROR_FORMAT, "frames and truth are not those of a bracket");
     }
+    if (count == 0) {
+        count = frames->shape[0] <= BRACE_BRACKET_MAX ? (int)frames->shape[0] : 0;
+    }
     if (frames->shape[0] != (uint64_t)count) {
         return core_fail(error, BRACE_ERROR_MISMATCH, "%llu frames; brackets of %d are wanted",
                          (unsigned long long)frames->shape[0], count);

@@ -1,0 +1,43 @@
+#!/bin/bash
+# SPDX-License-Identifier: Apache-2.0
+# Trains the networks that ship, from nothing: collects the screens, simulates the sets, trains both stages.
+# What is there already is kept, and interrupted runs go on: run it again until it says that it is done.
+#
+# Usage: scripts/train.sh BRACE FOLDER [MODEL ...]
+#   BRACE    the program; FOLDER takes some 40 GB; MODEL: brace-s and tmrnet-s by default
+# PROCESSES (default: one for each CPU) share each batch, each with one thread.
+set -euo pipefail
+[ $# -ge 2 ] || { sed -n '3,9s/^# \{0,1\}//p' "$0"; exit 2; }
+brace=$(realpath "$1") here=$(cd "$(dirname "$0")" && pwd)
+configs=$here/../data/configs
+mkdir -p "$2"
+cd "$2"
+shift 2
+models=("$@")
+[ ${#models[@]} -gt 0 ] || models=(brace-s tmrnet-s)
+processes=${PROCESSES:-$(nproc)}
+
+[ -d screens ] || "$here/screens.sh" screens --work screens.work
+for kind in plain field; do
+    [ -d sets/$kind/packed ] && continue
+    options=(--screens screens --train 1000 --test 100 --seed 1)
+    [ $kind = plain ] || options=(--screens screens --train 500 --test 100 --seed 2 --field)
+    "$brace" dataset build -o sets/$kind/set "${options[@]}"
+    "$brace" dataset pack sets/$kind/set -o sets/$kind/packed.part
+    mv sets/$kind/packed.part sets/$kind/packed
+done
+
+run() {
+    if [ "$processes" -gt 1 ] && command -v mpirun > /dev/null; then
+        OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 mpirun --oversubscribe --bind-to none \
+            --mca btl_vader_single_copy_mechanism none -n "$processes" "$brace" "$@" --threads 1
+    else
+        "$brace" "$@"
+    fi
+}
+for model in "${models[@]}"; do
+    for stage in 1 2; do
+        run train "$configs/$model-stage$stage.json" -o "runs/$model-stage$stage" --resume
+    done
+done
+echo "done: runs/*-stage2/weights.safetensors"
