@@ -141,7 +141,7 @@ static brace_status develop(brace_image **out, brace_frame *frame, const brace_f
 
 /* A small copy to show. */
 static brace_status keep(state *s, eval_sample *sample, size_t index, const brace_image *picture, brace_error *error) {
-    if (!sample->shown || s->side == 0) {
+    if (!sample->shown || s->side == 0 || !eval_has_picture(&s->set, index)) {
         return BRACE_OK;
     }
     const uint32_t longest = picture->width > picture->height ? picture->width : picture->height;

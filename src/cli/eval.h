@@ -59,6 +59,10 @@ void eval_choose(eval_set *set, size_t most);
 /* The same by name, or by part of it: "000012,web". False, said, if one fits none. */
 bool eval_choose_named(eval_set *set, const char *names, const char *command);
 
+/* Whether picture `index` of the samples has something of its own to show: 0 is the frame as shot, which is what the
+ * method `reference` gives, then the methods from 1, the truth. */
+bool eval_has_picture(const eval_set *set, size_t index);
+
 typedef enum eval_kind { EVAL_BANDED, EVAL_STEADY, EVAL_FAMILY, EVAL_CATEGORY } eval_kind;
 typedef struct eval_group {
     eval_kind kind;

@@ -201,6 +201,10 @@ bool eval_choose_named(eval_set *set, const char *names, const char *command) {
     return good;
 }
 
+bool eval_has_picture(const eval_set *set, size_t index) {
+    return index == 0 || index > set->methods || set->method[index - 1].method != BRACE_METHOD_REFERENCE;
+}
+
 /* ---- groups ---- */
 
 static bool belongs(const eval_sample *s, const eval_group *g) {

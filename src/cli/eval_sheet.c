@@ -37,8 +37,12 @@ static brace_status paste(brace_image *sheet, const brace_image *picture, uint32
 }
 
 brace_status eval_sheet(const eval_set *set, const char *path, uint32_t side, const brace_job *job, brace_error *error) {
-    const uint32_t columns = (uint32_t)set->methods + 2;
-    uint32_t rows = 0, tall = 1;
+    uint32_t columns = 0, rows = 0, tall = 1, shown[EVAL_METHODS + 2];
+    for (uint32_t k = 0; k < set->methods + 2; k++) {
+        if (eval_has_picture(set, k)) {
+            shown[columns++] = k;
+        }
+    }
     for (size_t i = 0; i < set->count; i++) {
         const eval_sample *s = &set->items[i];
         if (s->shown && s->picture[0] != NULL) {
@@ -63,8 +67,8 @@ brace_status eval_sheet(const eval_set *set, const char *path, uint32_t side, co
         if (!s->shown || s->picture[0] == NULL) {
             continue;
         }
-        for (uint32_t k = 0; k < columns && status == BRACE_OK; k++) {
-            const uint32_t x = GAP + k * (side + GAP);
+        for (uint32_t column = 0; column < columns && status == BRACE_OK; column++) {
+            const uint32_t x = GAP + column * (side + GAP), k = shown[column];
             if (s->picture[k] == NULL) {
                 continue;
             }
@@ -72,7 +76,7 @@ brace_status eval_sheet(const eval_set *set, const char *path, uint32_t side, co
             char text[96];
             if (k == 0) {
                 snprintf(text, sizeof text, "input %.1f", fmin(s->reference_psnr, 100));
-            } else if (k + 1 == columns) {
+            } else if (column + 1 == columns) {
                 snprintf(text, sizeof text, "truth");
             } else {
                 snprintf(text, sizeof text, "%.24s %.1f", set->method[k - 1].label,

@@ -124,8 +124,8 @@ static void write_kind(FILE *f, const eval_set *set, const eval_group *groups, s
 static brace_status write_images(const report_page *page, const eval_set *set, const eval_sample *s, brace_error *error) {
     const size_t count = set->methods + 2;
     brace_status status = BRACE_OK;
-    /* The viewer begins with the first two: the last method and the truth are the most telling after the input. */
-    for (size_t k = 0; k < count && status == BRACE_OK; k++) {
+    for (size_t i = 0; i < count && status == BRACE_OK; i++) {
+        const size_t k = i == 0 || i + 1 == count ? i : count - 1 - i; /* the viewer begins with the first two */
         if (s->picture[k] == NULL) {
             continue;
         }
