@@ -210,7 +210,10 @@ static void write_facts(FILE *f, const restore_report *r) {
     }
     const brace_restore_report *done = &r->p->restored->report;
     fputs("<div><dt>Method</dt><dd>", f);
-    report_name(f, done->method == BRACE_METHOD_NETWORK ? done->model : brace_method_name(done->method));
+    if (done->method == BRACE_METHOD_NETWORK)
+        report_name(f, done->model);
+    else
+        fputs(brace_method_name(done->method), f);
     fprintf(f, "<small>BRACE %s, %.2f s</small></dd></div>\n</dl>\n", brace_version(), r->p->seconds);
 }
 
