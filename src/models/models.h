@@ -47,7 +47,7 @@ json_t *models_shape_json(const models_shape *shape); /* all keys; NULL: out of 
 bool models_shape_equal(const models_shape *a, const models_shape *b);
 
 /* What a network is shown: the reference first, then the others from short to long. h and w are multiples of
- * `unshuffle` (and of 4). Values that a network has no use for may be 0. */
+ * `unshuffle`. Values that a network has no use for may be 0. */
 typedef struct models_inputs {
     nn_value frames;      /* {frames, h, w, 8}: R, G, G, B, each linear and under max(x, 0)^(1/2.2), at the reference's
                              exposure */

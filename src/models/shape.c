@@ -76,11 +76,16 @@ void models_shape_read(models_shape *shape, const json_at *object) {
 
 json_t *models_shape_json(const models_shape *shape) {
     json_t *out = json_object();
-    for (int i = 0; i < NUMBERS && out != NULL; i++) {
-        json_object_set_new(out, numbers[i].key, json_integer(*number_of(shape, i)));
+    bool whole = out != NULL;
+    for (int i = 0; i < NUMBERS && whole; i++) {
+        whole = json_object_set_new(out, numbers[i].key, json_integer(*number_of(shape, i))) == 0;
     }
-    for (int i = 0; i < SWITCHES && out != NULL; i++) {
-        json_object_set_new(out, switches[i].key, json_boolean(*switch_of(shape, i)));
+    for (int i = 0; i < SWITCHES && whole; i++) {
+        whole = json_object_set_new(out, switches[i].key, json_boolean(*switch_of(shape, i))) == 0;
+    }
+    if (!whole) {
+        json_decref(out);
+        return NULL;
     }
     return out;
 }

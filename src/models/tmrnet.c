@@ -121,8 +121,25 @@ static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, nn_
     return nn_mul(g, y, nn_pow(g, nn_abs(g, y), gamma_curve - 1));
 }
 
+/* What would otherwise be noticed somewhere inside, or not at all. */
+static bool fits(nn_graph *g, const models_shape *shape, const models_inputs *in) {
+    const nn_shape s = nn_shape_of(g, in->frames), flow = nn_shape_of(g, in->flow);
+    const int by = shape->unshuffle;
+    if (s.n != shape->frames || s.c != 8) {
+        nn_reject(g, "%d frames of %d channels; the network takes %d of 8", s.n, s.c, shape->frames);
+    } else if (s.h % by != 0 || s.w % by != 0) {
+        nn_reject(g, "a picture of %d x %d; the network takes multiples of %d", s.w, s.h, by);
+    } else if (!shape->spynet && (flow.n != s.n || flow.h != s.h || flow.w != s.w || flow.c != 2)) {
+        nn_reject(g, "a flow of %d x %d x %d x %d for %d frames of %d x %d", flow.n, flow.h, flow.w, flow.c, s.n, s.w,
+                  s.h);
+    }
+    return nn_graph_error(g, NULL) == BRACE_OK;
+}
+
 nn_value models_build(nn_graph *g, const models_shape *shape, const models_inputs *in) {
-    const nn_shape s = nn_shape_of(g, in->frames);
+    if (!fits(g, shape, in)) {
+        return 0;
+    }
     const int by = shape->unshuffle, c = shape->channels;
     const nn_type exact = nn_type_of(g, in->frames);
     nn_value flow = in->flow;
@@ -130,7 +147,7 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
         const nn_value seen = look(g, in->frames);
         flow = models_spynet(g, repeat_first(g, seen), others(g, seen));
     }
-    const nn_value flow_others = nn_shape_of(g, flow).n == s.n ? others(g, flow) : flow;
+    const nn_value flow_others = shape->spynet ? flow : others(g, flow);
     const nn_value moved = shape->groups > 0 ? in->frames : move(g, in->frames, flow_others);
     const nn_value packed = unshuffle(g, moved, by);
     /* Linear as published; blends are made under the gamma curve. */

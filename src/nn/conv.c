@@ -200,13 +200,10 @@ nn_value nn_conv2d(nn_graph *g, nn_value x, const nn_conv *conv) {
     if ((double)conv->out * in.c * k * k > (double)(1 << 30)) {
         return nn_reject(g, "%s: a kernel of %d x %d from %d to %d channels is too large", name, k, k, in.c, conv->out);
     }
-    if (conv->f32_result && type == NN_F64) {
-        return nn_reject(g, "%s: the result of a double-precision convolution cannot be single", name);
-    }
     nn_shape out = {in.n, (in.h + 2 * conv->pad - k) / stride + 1, (in.w + 2 * conv->pad - k) / stride + 1, conv->out};
     conv_attributes a = {.shape = {in.n, in.h, in.w, in.c, out.h, out.w, out.c, k, stride, conv->pad},
                          .types = {.in = type,
-                                   .result = conv->f32_result ? NN_F32 : type,
+                                   .result = conv->f32_result && type == NN_BF16 ? NN_F32 : type,
                                    .activation = conv->activation,
                                    .bias = !conv->no_bias,
                                    .residual = conv->residual != 0}};

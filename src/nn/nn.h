@@ -83,7 +83,8 @@ nn_parameter *nn_weights_find(nn_weights *weights, const char *name); /* NULL: n
 void nn_weights_changed(nn_weights *weights);                         /* after values were written from outside */
 void nn_weights_zero_grad(nn_weights *weights);
 
-/* safetensors (f32, f16, bf16) by name. Loading before a graph is built keeps the arrays for when it asks for them;
+/* safetensors (f32, f16, bf16) by name; PyTorch's .pth can be loaded, too, with the parameters at its top or under
+ * "state_dict". Loading before a graph is built keeps the arrays for when it asks for them;
  * after, all parameters must be there with their shapes, unless `partial`. Saving writes f32, bf16 or f16, atomically. */
 brace_status nn_weights_give(nn_weights *weights, const char *name, int rank, const int *shape, const float *values,
                              brace_error *error); /* one array, copied: now if the parameter is there, else kept */
@@ -149,6 +150,8 @@ size_t nn_bytes(const nn_graph *g, nn_value v);
 size_t nn_graph_memory(const nn_graph *g);      /* bytes of the plan: activations, gradients, scratch */
 double nn_graph_flops(const nn_graph *g);       /* of a forward pass: multiply and add are two */
 brace_status nn_graph_error(const nn_graph *g, brace_error *error); /* what building met so far */
+/* For models, too, that cannot be built as asked: records the sticky error ("scope: text") and returns 0. */
+nn_value nn_reject(nn_graph *g, const char *format, ...) __attribute__((format(printf, 2, 3)));
 /* One line a node: name, shape, kernel, FLOPs, seconds of the last run. For `brace bench` and for debugging. */
 void nn_graph_print(const nn_graph *g, FILE *out);
 
@@ -166,7 +169,7 @@ typedef struct nn_conv {
     nn_value residual;        /* of the result's shape; 0: none */
     nn_init init;             /* of the weight; biases: NN_INIT_UNIFORM_FAN_IN */
     bool zero_bias;
-    bool f32_result; /* in a bf16 graph */
+    bool f32_result; /* in a bf16 graph; others have their own type */
 } nn_conv;
 nn_value nn_conv2d(nn_graph *g, nn_value x, const nn_conv *conv);
 /* Each channel with the same fixed kernel x kernel filter (DISTS' L2 pooling, Gaussian pyramids). */

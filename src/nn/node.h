@@ -78,8 +78,7 @@ typedef struct nn_node_params {
 } nn_node_params;
 nn_value nn_node_add(nn_graph *g, const nn_node_params *params);
 
-/* The builders' checks: record the sticky error ("scope: text") and return 0. */
-nn_value nn_reject(nn_graph *g, const char *format, ...) __attribute__((format(printf, 2, 3)));
+/* The builders' checks, beside nn_reject (nn.h). */
 bool nn_usable(nn_graph *g, nn_value v); /* v is a value of g and no error is there yet */
 /* A parameter "scope.name", made or found; NULL after recording an error. fan_in is for the init. */
 nn_parameter *nn_parameter_get(nn_graph *g, const char *name, int rank, const int *shape, nn_init init, int fan_in);

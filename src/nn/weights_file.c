@@ -1,13 +1,70 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * weights_file.c: parameters in safetensors files, as f32, bf16 or f16.
+ * weights_file.c: parameters in safetensors files, as f32, bf16 or f16; reading them from PyTorch's files, too.
  */
 #include <limits.h>
 #include <string.h>
 
 #include "core/safetensors.h"
 #include "nn/node.h"
+#include "nn/pth.h"
 #include "nn/weights.h"
+
+/* ---- a file of either kind ---- */
+
+typedef struct tensors {
+    core_safetensors *safe;
+    nn_pth *pth; /* one of them */
+} tensors;
+
+/* A zip archive or a pickle. Read as the length of a header, with which safetensors begin, these are more than allowed. */
+static bool is_torch(const char *path) {
+    unsigned char start[4] = {0};
+    FILE *f = fopen(path, "rb");
+    const bool read = f != NULL && fread(start, 1, 4, f) == 4;
+    if (f != NULL) {
+        fclose(f);
+    }
+    return read && (memcmp(start, "PK\3\4", 4) == 0 || memcmp(start, "\x80\2\x8a\n", 4) == 0);
+}
+
+static brace_status open_tensors(tensors *out, const char *path, brace_error *error) {
+    *out = (tensors){NULL, NULL};
+    return is_torch(path) ? nn_pth_open(&out->pth, path, error) : core_safetensors_open(&out->safe, path, error);
+}
+
+static void close_tensors(tensors *file) {
+    core_safetensors_close(file->safe);
+    nn_pth_close(file->pth);
+}
+
+static size_t count_tensors(const tensors *file) {
+    return file->pth != NULL ? nn_pth_count(file->pth) : core_safetensors_count(file->safe);
+}
+
+/* Checkpoints keep a network's parameters under this key, beside others. */
+static const char state_dict[] = "state_dict.";
+enum { STATE_DICT = sizeof state_dict - 1 };
+
+static core_tensor tensor_at(const tensors *file, size_t i) {
+    core_tensor t = file->pth != NULL ? *nn_pth_at(file->pth, i) : *core_safetensors_at(file->safe, i);
+    if (file->pth != NULL && strncmp(t.name, state_dict, STATE_DICT) == 0) {
+        t.name += STATE_DICT;
+    }
+    return t;
+}
+
+static bool find_tensor(const tensors *file, const char *name, core_tensor *out) {
+    for (size_t i = 0; i < count_tensors(file); i++) {
+        *out = tensor_at(file, i);
+        if (strcmp(out->name, name) == 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* ---- numbers ---- */
 
 /* IEEE 754 binary16. Subnormals: the ten bits are a multiple of 2^-24. */
 static float from_f16(uint16_t h) {
@@ -101,24 +158,25 @@ static brace_status give(nn_weights *weights, const core_tensor *t, const char *
 }
 
 /* All that can be wrong is found before anything is changed. */
-static brace_status check(const nn_weights *weights, const core_safetensors *file, const char *path, bool partial,
+static brace_status check(const nn_weights *weights, const tensors *file, const char *path, bool partial,
                           brace_error *error) {
     char a[64], b[64];
     for (size_t i = 0; i < weights->count; i++) {
         const nn_parameter *p = weights->items[i];
-        const core_tensor *t = core_safetensors_find(file, p->name);
         int shape[NN_RANK_MAX] = {0};
-        if (t == NULL && partial) {
+        core_tensor t;
+        const bool found = find_tensor(file, p->name, &t);
+        if (!found && partial) {
             continue;
         }
-        if (t == NULL || !is_real(t->dtype)) {
+        if (!found || !is_real(t.dtype)) {
             return core_fail(error, BRACE_ERROR_MISMATCH, "%s: has no weights '%s'; it belongs to another network",
                              path, p->name);
         }
-        if (!shape_of(t, shape) || !nn_same_shape(t->rank, shape, p->rank, p->shape)) {
+        if (!shape_of(&t, shape) || !nn_same_shape(t.rank, shape, p->rank, p->shape)) {
             return core_fail(error, BRACE_ERROR_MISMATCH,
                              "%s: the weights '%s' are %s, but the network's are %s; they belong to another network",
-                             path, p->name, nn_shape_text(a, sizeof a, t->rank <= NN_RANK_MAX ? t->rank : 0, shape),
+                             path, p->name, nn_shape_text(a, sizeof a, t.rank <= NN_RANK_MAX ? t.rank : 0, shape),
                              nn_shape_text(b, sizeof b, p->rank, p->shape));
         }
     }
@@ -126,19 +184,19 @@ static brace_status check(const nn_weights *weights, const core_safetensors *fil
 }
 
 brace_status nn_weights_load(nn_weights *weights, const char *path, bool partial, brace_error *error) {
-    core_safetensors *file = NULL;
-    brace_status status = core_safetensors_open(&file, path, error);
+    tensors file;
+    brace_status status = open_tensors(&file, path, error);
     if (status != BRACE_OK) {
         return status;
     }
-    status = check(weights, file, path, partial, error);
-    for (size_t i = 0; status == BRACE_OK && i < core_safetensors_count(file); i++) {
-        const core_tensor *t = core_safetensors_at(file, i);
-        if (is_real(t->dtype)) {
-            status = give(weights, t, path, error);
+    status = check(weights, &file, path, partial, error);
+    for (size_t i = 0; status == BRACE_OK && i < count_tensors(&file); i++) {
+        const core_tensor t = tensor_at(&file, i);
+        if (is_real(t.dtype)) {
+            status = give(weights, &t, path, error);
         }
     }
-    core_safetensors_close(file);
+    close_tensors(&file);
     if (status == BRACE_OK && weights->count == 0 && !partial) {
         core_free(weights->complete);
         weights->complete = core_strdup(path);

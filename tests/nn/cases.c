@@ -159,7 +159,7 @@ static nn_value conv_named(nn_graph *g, nn_value x, const char *name, int out, n
                                       .pad = 1,
                                       .activation = act,
                                       .residual = residual,
-                                      .f32_result = f32_result && nn_graph_type(g) == NN_BF16,
+                                      .f32_result = f32_result,
                                       .init = NN_INIT_UNIFORM_FAN_IN});
 }
 CASE(network) {
