@@ -304,7 +304,7 @@ static int network(int argc, char **argv) {
         nn_parameter *last = nn_weights_find(weights, "conv_last.weight");
         core_random r = core_random_create(1, 0, 0, 0);
         for (size_t i = 0; i < last->count; i++) {
-            last->value[i] = (float)(0.02 * core_random_normal(&r));
+            last->value[i] = (float)(0.005 * core_random_normal(&r));
         }
         if (argc > 2) {
             nn_weights_at(weights, 0)->value[0] = (float)atof(argv[2]);
