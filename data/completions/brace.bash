@@ -10,12 +10,12 @@ _brace()
     local raw='@(dng|DNG|3fr|3FR|arw|ARW|cr2|CR2|cr3|CR3|crw|CRW|nef|NEF|nrw|NRW|orf|ORF|pef|PEF|raf|RAF|raw|RAW|rw2|RW2|rwl|RWL|srw|SRW)'
 
     if [[ $COMP_CWORD -eq 1 ]]; then
-        mapfile -t COMPREPLY < <(compgen -W 'restore info analyze metrics simulate dataset bench help --help --version' -- "$cur")
+        mapfile -t COMPREPLY < <(compgen -W 'restore info analyze metrics simulate dataset train eval bench help --help --version' -- "$cur")
         return
     fi
     command=${COMP_WORDS[1]}
     if [[ $command == help ]]; then
-        mapfile -t COMPREPLY < <(compgen -W 'restore info analyze metrics simulate dataset bench' -- "$cur")
+        mapfile -t COMPREPLY < <(compgen -W 'restore info analyze metrics simulate dataset train eval bench' -- "$cur")
         return
     fi
 
@@ -70,6 +70,21 @@ _brace()
         return
     fi
 
+    if [[ $command == train || $command == eval ]]; then
+        if [[ $cur == -* && $command == train ]]; then
+            mapfile -t COMPREPLY < <(compgen -W '--output --resume --threads --json --quiet --help' -- "$cur")
+        elif [[ $cur == -* ]]; then
+            mapfile -t COMPREPLY < <(compgen -W '--data --method --count --weights --csv --html --sheet --scenes --sheet-side
+                --memory --precision --json --threads --quiet --help' -- "$cur")
+        elif [[ $prev == --precision ]]; then
+            mapfile -t COMPREPLY < <(compgen -W 'f32 bf16' -- "$cur")
+        else
+            compopt -o filenames
+            mapfile -t COMPREPLY < <(compgen -f -- "$cur")
+        fi
+        return
+    fi
+
     if [[ $command == bench ]]; then
         if [[ $COMP_CWORD -eq 2 ]]; then
             mapfile -t COMPREPLY < <(compgen -W 'sim conv model --help' -- "$cur")
@@ -92,18 +107,20 @@ _brace()
     case $prev in
         -c | --camera | -p | --plot) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -f -- "$cur"); return ;;
         --readout) return ;;
-        -m | --method) mapfile -t COMPREPLY < <(compgen -W 'merge reference' -- "$cur"); return ;;
+        -m | --method) mapfile -t COMPREPLY < <(compgen -W 'brace merge reference' -- "$cur"); return ;;
         -f | --format) mapfile -t COMPREPLY < <(compgen -W 'dng tif png jpg webp' -- "$cur"); return ;;
         --bits) mapfile -t COMPREPLY < <(compgen -W '8 16 32' -- "$cur"); return ;;
+        --precision) mapfile -t COMPREPLY < <(compgen -W 'f32 bf16' -- "$cur"); return ;;
+        --model) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -W 'brace-s tmrnet-s brace tmrnet' -- "$cur"; compgen -f -- "$cur"); return ;;
         -o | --output | --report | --truth) compopt -o filenames; mapfile -t COMPREPLY < <(compgen -f -- "$cur"); return ;;
-        --quality | --exposure | --exposures | --report-side | -t | --threads) return ;;
+        --memory | --quality | --exposure | --exposures | --report-side | -t | --threads) return ;;
         -r | --reference) ;;
         *)
             if [[ $cur == -* ]]; then
                 local options='--json --quiet --threads --help'
                 if [[ $command == restore ]]; then
                     options+=' --output --format --bits --quality --exposure --reference --exposures --method'
-                    options+=' --no-align --verbose --report --report-side --truth'
+                    options+=' --no-align --verbose --report --report-side --truth --model --memory --precision'
                 fi
                 [[ $command != analyze ]] || options+=' --readout --camera --plot --no-align'
                 mapfile -t COMPREPLY < <(compgen -W "$options" -- "$cur")

@@ -34,6 +34,7 @@ int cli_simulate(int argc, char **argv);
 int cli_dataset(int argc, char **argv);
 int cli_train(int argc, char **argv);
 int cli_model(int argc, char **argv);
+int cli_eval(int argc, char **argv);
 int cli_bench(int argc, char **argv);
 
 /* "brace: COMMAND: sentence" on stderr. */

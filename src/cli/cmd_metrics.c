@@ -232,8 +232,8 @@ static bool go_on(state *s, const char *name, const char *what, brace_status sta
     return true;
 }
 
-static brace_status measure(state *s, metric m, result *r, brace_image *const picture[2], double direction,
-                            const brace_job *job, brace_error *error) {
+brace_status metrics_measure(result *r, metric m, const brace_perceptual *perceptual, brace_image *const picture[2],
+                             double direction, const brace_job *job, brace_error *error) {
     brace_status status = BRACE_OK;
     double value = NAN;
     switch (m) {
@@ -251,9 +251,9 @@ static brace_status measure(state *s, metric m, result *r, brace_image *const pi
         value = status == BRACE_OK ? r->sfc.sfc : NAN;
         break;
     default:
-        status = brace_perceptual_distance(&value, s->perceptual[m], picture[0], picture[1], job, error);
+        status = brace_perceptual_distance(&value, perceptual, picture[0], picture[1], job, error);
     }
-    r->value[m] = value;
+    r->value[m] = status == BRACE_OK ? value : NAN;
     return status;
 }
 
@@ -293,7 +293,8 @@ static bool one_pair(state *s, size_t index, bool folders) {
     for (metric m = 0; m < METRICS && good && status == BRACE_OK; m++) {
         if (s->table.wanted[m] && !(m == SFC && isnan(direction))) {
             good =
-                go_on(s, pair->name, metric_kinds[m].head, measure(s, m, r, picture, direction, job, &error), &error);
+                go_on(s, pair->name, metric_kinds[m].head,
+                      metrics_measure(r, m, s->perceptual[m], picture, direction, job, &error), &error);
         }
     }
     brace_image_destroy(picture[0]);

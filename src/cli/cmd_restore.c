@@ -16,10 +16,10 @@ static const char command[] = "restore";
 
 typedef struct arguments {
     cli_list frames, outputs;
-    const char *method, *reference, *exposures, *format, *page, *truth;
+    const char *method, *reference, *exposures, *format, *page, *truth, *model, *precision;
     bool no_align, json, quiet, verbose;
     int threads, quality, bits, page_side;
-    double exposure;
+    double exposure, memory;
 } arguments;
 
 static int parse(arguments *a, int argc, char **argv) {
@@ -65,9 +65,23 @@ static int parse(arguments *a, int argc, char **argv) {
          &a->exposures, 0, 0},
         {CLI_HEADING, 0, NULL, NULL, "Method", NULL, 0, 0},
         {CLI_TEXT, 'm', "method", "METHOD",
-         "merge: align and fuse all frames (default);\n"
+         "brace: by a trained network (default, where its weights\n"
+         "are installed); merge: align and fuse all frames;\n"
          "reference: develop the reference frame only",
          &a->method, 0, 0},
+        {CLI_TEXT, 0, "model", "NAME|FILE",
+         "the network's weights: a name, brace-s (default), or a\n"
+         ".safetensors file, such as brace train writes",
+         &a->model, 0, 0},
+        {CLI_NUMBER, 0, "memory", "MB",
+         "what the network may use beside the frames; tiles are as\n"
+         "large as that allows. Default: half of what is free, at\n"
+         "most 1024",
+         &a->memory, 1, 1e9},
+        {CLI_TEXT, 0, "precision", "f32|bf16",
+         "what the network computes in; default: bf16 where the\n"
+         "processor has it (AMX, AVX512-BF16), else f32",
+         &a->precision, 0, 0},
         {CLI_FLAG, 0, "no-align", NULL, "the camera stood still: don't look for motion", &a->no_align, 0, 0},
         {CLI_HEADING, 0, NULL, NULL, "General", NULL, 0, 0},
         {CLI_INT, 't', "threads", "N", "1 to 256, default: one for each CPU", &a->threads, 1, 256},
@@ -87,7 +101,9 @@ static int parse(arguments *a, int argc, char **argv) {
         "Examples:\n"
         "  brace restore frame_*.dng -o restored.dng -o restored.jpg\n"
         "  brace restore bracket/ -o restored.tif --bits 16 --report report.html\n"
-        "  brace restore a.dng b.dng c.dng --exposures 1/800,1/200,1/50 -o out.png\n",
+        "  brace restore a.dng b.dng c.dng --exposures 1/800,1/200,1/50 -o out.png\n"
+        "  brace restore bracket/ -o out.dng --model runs/mine/weights.safetensors --memory 500\n"
+        "  brace restore bracket/ -o merged.jpg --method merge\n",
     };
     int code = cli_parse(&usage, argc, argv, &a->frames);
     if (code < 0 && a->frames.count == 0) {
@@ -106,18 +122,27 @@ static int parse(arguments *a, int argc, char **argv) {
     return code;
 }
 
-static int parse_method(const char *name, brace_method *method) {
-    *method = BRACE_METHOD_DEFAULT;
-    if (name == NULL) {
-        return -1;
+static int parse_method(const arguments *a, brace_restore_params *out) {
+    out->method = BRACE_METHOD_DEFAULT;
+    for (brace_method m = BRACE_METHOD_REFERENCE; m <= BRACE_METHOD_NETWORK && a->method != NULL; m++) {
+        out->method = strcmp(a->method, brace_method_name(m)) == 0 ? m : out->method;
     }
-    for (brace_method m = BRACE_METHOD_REFERENCE; m <= BRACE_METHOD_MERGE; m++) {
-        if (strcmp(name, brace_method_name(m)) == 0) {
-            *method = m;
-            return -1;
-        }
+    if (a->method != NULL && out->method == BRACE_METHOD_DEFAULT) {
+        return cli_wrong_usage(command, "--method is brace, merge or reference, not '%s'%s", a->method,
+                               strchr(a->method, '.') != NULL ? "; a file of weights is given with --model" : "");
     }
-    return cli_wrong_usage(command, "--method is merge or reference, not '%s'", name);
+    const char *only = a->model != NULL ? "--model" : a->precision != NULL ? "--precision" : a->memory > 0 ? "--memory" : NULL;
+    if (only != NULL && (out->method == BRACE_METHOD_MERGE || out->method == BRACE_METHOD_REFERENCE)) {
+        return cli_wrong_usage(command, "%s is for networks, but --method is %s", only, a->method);
+    }
+    if (a->precision != NULL && strcmp(a->precision, "f32") != 0 && strcmp(a->precision, "bf16") != 0) {
+        return cli_wrong_usage(command, "--precision is f32 or bf16, not '%s'", a->precision);
+    }
+    out->precision = a->precision == NULL ? BRACE_PRECISION_DEFAULT
+                     : a->precision[0] == 'f' ? BRACE_PRECISION_F32 : BRACE_PRECISION_BF16;
+    out->model = a->model;
+    out->memory = (uint64_t)(a->memory * 1e6);
+    return -1;
 }
 
 /* The argument number of the reference, from 1; 0 for the default. */
@@ -198,7 +223,7 @@ static void print_table(const brace_bracket *b, const brace_restored *r) {
     for (size_t i = 0; i < b->count; i++) {
         const brace_frame *f = b->frames[i];
         const brace_motion *m = &r->report.motion[i];
-        char time[32], iso[16] = "?", aperture[16] = "?", motion[32];
+        char time[32], iso[16] = "?", aperture[16] = "?", motion[32], weight[16] = "-";
         if (f->iso > 0) {
             snprintf(iso, sizeof iso, "%.0f", f->iso);
         }
@@ -207,14 +232,17 @@ static void print_table(const brace_bracket *b, const brace_restored *r) {
         }
         if (i == b->reference) {
             snprintf(motion, sizeof motion, "-");
-        } else if (r->report.method == BRACE_METHOD_MERGE && !(m->confidence > 0)) {
+        } else if (r->report.method != BRACE_METHOD_REFERENCE && !(m->confidence > 0)) {
             snprintf(motion, sizeof motion, "lost");
         } else {
             snprintf(motion, sizeof motion, "%.1f px", hypot(m->dx, m->dy));
         }
-        fprintf(stderr, "  %-*s  %9s  %6s  %5s  %+6.2f  %7s  %5.1f%%%s\n", width, cli_basename(f->path),
+        if (!isnan(r->report.weight[i])) {
+            snprintf(weight, sizeof weight, "%.1f%%", 100 * r->report.weight[i]);
+        }
+        fprintf(stderr, "  %-*s  %9s  %6s  %5s  %+6.2f  %7s  %6s%s\n", width, cli_basename(f->path),
                 cli_exposure_text(time, sizeof time, f->exposure_time), iso, aperture, log2(b->exposure[i]), motion,
-                100 * r->report.weight[i], i == b->reference ? "  reference" : "");
+                weight, i == b->reference ? "  reference" : "");
     }
 }
 
@@ -224,12 +252,24 @@ static void print_summary(const arguments *a, const brace_bracket *b, const brac
     if (r->report.clipped >= 0.0005) {
         fprintf(stderr, "  %.1f%% of the result is at white\n", 100 * r->report.clipped);
     }
-    if (a->verbose) {
+    const brace_restore_report *did = &r->report;
+    const bool network = did->method == BRACE_METHOD_NETWORK;
+    if (a->verbose && network) {
+        fprintf(stderr, "  weights %s\n  %zu tile%s of %dx%d pixels, %s\n", did->weights, did->tiles,
+                did->tiles == 1 ? "" : "s", did->tile_width, did->tile_height,
+                did->precision == BRACE_PRECISION_BF16 ? "bf16" : "f32");
+        fprintf(stderr, "  read %.2f s, align %.2f s, network %.2f s, develop %.2f s, write %.2f s\n", t->read,
+                did->seconds_align, did->seconds_network, out->seconds_develop, out->seconds_write);
+    } else if (a->verbose) {
         fprintf(stderr, "  read %.2f s, align %.2f s, light %.2f s, fuse %.2f s, develop %.2f s, write %.2f s\n",
-                t->read, r->report.seconds_align, r->report.seconds_light, r->report.seconds_fuse, out->seconds_develop,
+                t->read, did->seconds_align, did->seconds_light, did->seconds_fuse, out->seconds_develop,
                 out->seconds_write);
     }
-    fprintf(stderr, "  %s, %.2f s\n", brace_method_name(r->report.method), t->total);
+    if (network) {
+        fprintf(stderr, "  network %s, %.2f s\n", did->model, t->total);
+    } else {
+        fprintf(stderr, "  %s, %.2f s\n", brace_method_name(did->method), t->total);
+    }
     for (size_t i = 0; i < out->count; i++) {
         fprintf(stderr, "  wrote %s\n", out->items[i].path);
     }
@@ -251,6 +291,15 @@ static json_t *frame_json(const brace_bracket *b, const brace_restored *r, size_
         "weight", cli_json_number(r->report.weight[i]), "banding", cli_json_number(r->report.banding[i]));
 }
 
+static json_t *network_json(const brace_restore_report *r) {
+    return r->method != BRACE_METHOD_NETWORK
+               ? json_null()
+               : json_pack("{s:o, s:o, s:s, s:I, s:i, s:i}", "model", cli_json_text(r->model), "weights",
+                           cli_json_text(r->weights), "precision",
+                           r->precision == BRACE_PRECISION_BF16 ? "bf16" : "f32", "tiles", (json_int_t)r->tiles,
+                           "tile_width", r->tile_width, "tile_height", r->tile_height);
+}
+
 static json_t *report_json(const arguments *a, const brace_bracket *b, const brace_restored *r, const outputs *out, const timing *t,
                            const cli_report *report) {
     json_t *inputs = json_array(), *written = json_array(), *notes = json_array();
@@ -267,12 +316,13 @@ static json_t *report_json(const arguments *a, const brace_bracket *b, const bra
     for (size_t i = 0; i < report->note_count; i++) {
         json_array_append_new(notes, cli_json_text(report->notes[i]));
     }
-    return json_pack("{s:s, s:s, s:o, s:i, s:o, s:o, s:o, s:o, s:{s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}}", "version",
-                     brace_version(), "method", brace_method_name(r->report.method), "reference",
+    return json_pack("{s:s, s:s, s:o, s:o, s:i, s:o, s:o, s:o, s:o, s:{s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}}",
+                     "version", brace_version(), "method", brace_method_name(r->report.method), "network",
+                     network_json(&r->report), "reference",
                      cli_json_text(b->frames[b->reference]->path), "reference_index", (int)b->reference, "inputs",
                      inputs, "outputs", written, "notes", notes, "clipped", cli_json_number(r->report.clipped),
                      "seconds", "read", t->read, "align", r->report.seconds_align, "light", r->report.seconds_light,
-                     "fuse", r->report.seconds_fuse, "develop", out->seconds_develop, "write", out->seconds_write,
+                     "fuse", r->report.seconds_fuse, "network", r->report.seconds_network, "develop", out->seconds_develop, "write", out->seconds_write,
                      "total", t->total, "report", t->report);
 }
 
@@ -356,7 +406,7 @@ static int run(arguments *a, cli_paths *frames, double **exposures) {
     brace_restore_params restore_params = {.no_align = a->no_align};
     brace_bracket_params bracket_params = {0};
 
-    int code = parse_method(a->method, &restore_params.method);
+    int code = parse_method(a, &restore_params);
     if (code < 0 && (a->outputs.count > 0 || a->page == NULL)) {
         code = outputs_init(&out, &a->outputs, a->format, command);
     }

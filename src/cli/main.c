@@ -18,6 +18,7 @@ static const cli_command commands[] = {
     {"dataset", "training sets: build, pack, verify, info, import", cli_dataset},
     {"train", "learn a network's weights from a configuration", cli_train},
     {"model", "what a file of weights is; convert it", cli_model},
+    {"eval", "how well methods restore the samples of a set: tables, a report, pictures", cli_eval},
     {"bench", "how fast BRACE is on this computer", cli_bench},
 };
 enum { COMMANDS = sizeof commands / sizeof commands[0] };

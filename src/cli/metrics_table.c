@@ -179,8 +179,7 @@ json_t *metrics_table_json(const metrics_table *t, const cli_report *report) {
                      "unmatched", unmatched, "notes", notes);
 }
 
-/* RFC 4180: quoted where a comma, a quote or a new line is in it. */
-static void csv_text(FILE *f, const char *text) {
+void metrics_csv_text(FILE *f, const char *text) {
     if (strpbrk(text, ",\"\r\n") == NULL) {
         fputs(text, f);
         return;
@@ -236,11 +235,11 @@ brace_status metrics_table_csv(const metrics_table *t, const char *path, brace_e
     double parts[SFC_PARTS], spread[SFC_PARTS];
     for (size_t i = 0; i < t->pairs.count; i++) {
         const cli_pair *p = &t->pairs.items[i];
-        csv_text(f, p->name);
+        metrics_csv_text(f, p->name);
         putc(',', f);
-        csv_text(f, p->pred);
+        metrics_csv_text(f, p->pred);
         putc(',', f);
-        csv_text(f, p->gt);
+        metrics_csv_text(f, p->gt);
         sfc_parts(parts, &t->results[i].sfc);
         csv_values(t, f, t->results[i].value, parts);
     }

@@ -35,6 +35,14 @@ void metrics_table_summary(const metrics_table *t, metric m, double *mean, doubl
  * was read is to be destroyed. */
 brace_status metrics_read_pair(brace_image *picture[2], const cli_pair *pair, const brace_job *job, brace_error *error);
 
+/* One metric of two pictures of one size; `perceptual` for those that need it, `direction` for SFC. The value is NaN after
+ * an error (cmd_metrics.c). */
+brace_status metrics_measure(result *r, metric m, const brace_perceptual *perceptual, brace_image *const picture[2],
+                             double direction, const brace_job *job, brace_error *error);
+
+/* RFC 4180: quoted where a comma, a quote or a new line is in it. */
+void metrics_csv_text(FILE *f, const char *text);
+
 void metrics_table_print(const metrics_table *t);
 json_t *metrics_table_json(const metrics_table *t, const cli_report *report);
 brace_status metrics_table_csv(const metrics_table *t, const char *path, brace_error *error);

@@ -9,7 +9,7 @@
 #define CLI_REPORT_H
 
 #include "banding/banding.h"
-#include "cli/metrics_table.h"
+#include "cli/eval.h"
 #include "cli/outputs.h"
 #include "core/core.h"
 
@@ -97,5 +97,9 @@ brace_status report_restore(const report_restore_params *params, const brace_job
 /* `table` has results. `side` 0: REPORT_SIDE, less for many pairs. */
 brace_status report_metrics(const metrics_table *table, const char *path, int side, const cli_report *notes,
                             const brace_job *job, brace_error *error);
+
+/* `set` was measured, with pictures of the samples that are shown. */
+brace_status report_eval(const eval_set *set, const char *path, const cli_report *notes, const brace_job *job,
+                         brace_error *error);
 
 #endif

@@ -208,8 +208,13 @@ static void write_facts(FILE *f, const restore_report *r) {
         }
         fputs("<small>decibels, more is better</small></dd></div>\n", f);
     }
-    fprintf(f, "<div><dt>Method</dt><dd>%s<small>BRACE %s, %.2f s</small></dd></div>\n</dl>\n",
-            brace_method_name(r->p->restored->report.method), brace_version(), r->p->seconds);
+    const brace_restore_report *done = &r->p->restored->report;
+    fputs("<div><dt>Method</dt><dd>", f);
+    if (done->method == BRACE_METHOD_NETWORK)
+        report_name(f, done->model);
+    else
+        fputs(brace_method_name(done->method), f);
+    fprintf(f, "<small>BRACE %s, %.2f s</small></dd></div>\n</dl>\n", brace_version(), r->p->seconds);
 }
 
 static brace_status write_pictures(const report_page *page, const restore_report *r, brace_error *error) {
@@ -286,12 +291,17 @@ static brace_status write_frame(const report_page *page, const restore_report *r
     fputs("</dd>\n<dt>Motion</dt><dd>", f);
     if (i == b->reference)
         fputs("\xe2\x80\x93", f);
-    else if (done->method == BRACE_METHOD_MERGE && !(m->confidence > 0))
+    else if (done->method != BRACE_METHOD_REFERENCE && !(m->confidence > 0))
         fputs("lost", f);
     else
         fprintf(f, "%.1f px", hypot(m->dx, m->dy));
-    fprintf(f, "</dd>\n<dt>Weight</dt><dd>%.1f %%</dd></dl><span class=\"bar\" aria-hidden=\"true\"><i style=\"--v:%.4f\"></i>"
-               "</span></div></li>\n", 100 * done->weight[i], fmax(0, fmin(1, done->weight[i])));
+    fputs("</dd>\n", f);
+    if (!isnan(done->weight[i])) /* networks don't tell */
+        fprintf(f, "<dt>Weight</dt><dd>%.1f %%</dd></dl><span class=\"bar\" aria-hidden=\"true\"><i style=\"--v:%.4f\"></i>"
+                   "</span>", 100 * done->weight[i], fmax(0, fmin(1, done->weight[i])));
+    else
+        fputs("</dl>", f);
+    fputs("</div></li>\n", f);
     return status;
 }
 
@@ -308,8 +318,16 @@ static void write_details(FILE *f, const restore_report *r) {
     if (b->frames[b->reference]->unique_model[0] != '\0')
         report_fact(f, "Camera", b->frames[b->reference]->unique_model);
     fprintf(f, "<dt>At white</dt><dd>%.2f %% of the result</dd>\n", 100 * done->clipped);
-    fprintf(f, "<dt>Time</dt><dd>align %.2f s, light %.2f s, fuse %.2f s, all %.2f s</dd>\n", done->seconds_align,
-            done->seconds_light, done->seconds_fuse, r->p->seconds);
+    if (done->method == BRACE_METHOD_NETWORK) {
+        report_fact(f, "Weights", done->weights);
+        fprintf(f, "<dt>Tiles</dt><dd>%zu of %d \xc3\x97 %d pixels, %s</dd>\n", done->tiles, done->tile_width,
+                done->tile_height, done->precision == BRACE_PRECISION_BF16 ? "bf16" : "f32");
+        fprintf(f, "<dt>Time</dt><dd>align %.2f s, network %.2f s, all %.2f s</dd>\n", done->seconds_align,
+                done->seconds_network, r->p->seconds);
+    } else {
+        fprintf(f, "<dt>Time</dt><dd>align %.2f s, light %.2f s, fuse %.2f s, all %.2f s</dd>\n", done->seconds_align,
+                done->seconds_light, done->seconds_fuse, r->p->seconds);
+    }
     if (fabs(r->p->out->exposure) > 0)
         fprintf(f, "<dt>Brightness</dt><dd>pictures made brighter by %+.2g EV</dd>\n", r->p->out->exposure);
     report_fact(f, "Libraries", brace_dependencies());
@@ -323,8 +341,11 @@ static brace_status write_all(const report_page *page, const restore_report *r, 
     brace_status status = write_pictures(page, r, error);
     if (status == BRACE_OK && r->picture[2] != NULL)
         write_truth(f, r);
-    fputs("<h2>The frames</h2>\n<p class=\"hint\">All made as bright as the reference. Weight is the share of the frame in "
-          "the result, banding the contrast of its stripes.</p>\n<ul class=\"grid\">\n", f);
+    fprintf(f, "<h2>The frames</h2>\n<p class=\"hint\">All made as bright as the reference. %s of its stripes.</p>\n"
+               "<ul class=\"grid\">\n",
+            r->p->restored->report.method == BRACE_METHOD_NETWORK
+                ? "Banding is the contrast"
+                : "Weight is the share of the frame in the result, banding the contrast");
     for (size_t i = 0; i < r->p->bracket->count && status == BRACE_OK; i++)
         status = write_frame(page, r, i, error);
     fputs("</ul>\n<h2>Spectra</h2>\n<p class=\"hint\">Power of the reference before and after, by direction and fineness, "

@@ -101,6 +101,9 @@ typedef enum nn_backend {
     NN_NATIVE  /* our own kernels only */
 } nn_backend;
 
+/* Whether this CPU has instructions for bf16, and BRACE_NN does not forbid them: without, f32 is faster. */
+bool nn_bf16_is_fast(void);
+
 typedef struct nn_graph_params {
     nn_type type; /* of computation */
     nn_backend backend;

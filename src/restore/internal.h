@@ -64,6 +64,8 @@ void restore_motion_local(const restore_motion *motion, double x, double y, size
                           double *dy);
 void restore_motion_at(const restore_motion *motion, double x, double y, size_t width, size_t height, double *dx,
                        double *dy);
+/* As it is reported: pixels of the mosaic, of a picture `width` packed pixels wide. */
+brace_motion restore_motion_report(const restore_motion *motion, size_t width);
 /* The motions of all frames of a bracket, which have one size; none for the reference and for those that are not
  * found. */
 brace_status restore_motions(restore_motion *out, const brace_frame *const *frames, size_t count, size_t reference,

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* motion.c: where the pixels of a bracket's reference are found in its other frames. */
+#include <math.h>
+
 #include "restore/internal.h"
 
 void restore_motion_local(const restore_motion *m, double x, double y, size_t width, size_t height, double *dx,
@@ -26,6 +28,21 @@ void restore_motion_at(const restore_motion *m, double x, double y, size_t width
     }
     *dx += m->a[0] + m->a[1] * u + m->a[2] * v;
     *dy += m->a[3] + m->a[4] * u + m->a[5] * v;
+}
+
+brace_motion restore_motion_report(const restore_motion *m, size_t width) {
+    double farthest = 0;
+    for (int i = 0; i < m->columns * m->rows; i++) {
+        farthest = fmax(farthest, hypot((double)m->dx[i], (double)m->dy[i]));
+    }
+    const double half = 0.5 * (double)width; /* by which u and v were normalised */
+    const double xx = 1 + m->a[1] / half, xy = m->a[2] / half, yx = m->a[4] / half, yy = 1 + m->a[5] / half;
+    return (brace_motion){.dx = 2 * m->a[0],
+                          .dy = 2 * m->a[3],
+                          .rotation = atan2(xy - yx, xx + yy) * (180 / 3.14159265358979323846),
+                          .scale = sqrt(fabs(xx * yy - xy * yx)),
+                          .local = 2 * farthest,
+                          .confidence = m->confidence};
 }
 
 static const double least_confidence = 0.3; /* below, a frame is taken where it was shot */

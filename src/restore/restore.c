@@ -2,21 +2,26 @@
 /*
  * restore.c: a bracket in, one clean frame out. `reference` hands back the
  * reference; `merge` aligns (align.c, warp.c), measures the light (light.c),
- * fuses (fuse.c) and evens out what is still uncertain (smooth.c).
+ * fuses (fuse.c) and evens out what is still uncertain (smooth.c); a network is
+ * shown the bracket tile by tile (network.c).
  */
 #include <math.h>
 #include <string.h>
 
 #include "raw/isp.h"
 #include "restore/internal.h"
+#include "restore/network.h"
 
 const char *brace_method_name(brace_method method) {
     switch (method) {
     case BRACE_METHOD_REFERENCE:
         return "reference";
     case BRACE_METHOD_DEFAULT:
+        return "default";
     case BRACE_METHOD_MERGE:
         return "merge";
+    case BRACE_METHOD_NETWORK:
+        return "brace";
     }
     return "unknown";
 }
@@ -27,27 +32,6 @@ void brace_restored_destroy(brace_restored *restored) {
     brace_frame_destroy(restored->frame);
     core_free(restored->mosaic);
     core_free(restored);
-}
-
-/* In pixels of the mosaic, for the report. */
-static brace_motion motion_report(const restore_motion *m) {
-    double farthest = 0;
-    for (int i = 0; i < m->columns * m->rows; i++)
-        farthest = fmax(farthest, hypot(m->dx[i], m->dy[i]));
-    return (brace_motion){.dx = 2 * m->a[0],
-                          .dy = 2 * m->a[3],
-                          .local = 2 * farthest,
-                          .confidence = m->confidence,
-                          .rotation = 0,
-                          .scale = 1};
-}
-
-/* Rotation and scale need the width that u and v were normalised by. */
-static void motion_shape(brace_motion *out, const restore_motion *m, size_t width) {
-    double half = 0.5 * (double)width;
-    double xx = 1 + m->a[1] / half, xy = m->a[2] / half, yx = m->a[4] / half, yy = 1 + m->a[5] / half;
-    out->rotation = atan2(xy - yx, xx + yy) * (180 / 3.14159265358979323846);
-    out->scale = sqrt(fabs(xx * yy - xy * yx));
 }
 
 typedef struct merge_state {
@@ -92,8 +76,7 @@ static brace_status merge_align(merge_state *s, const brace_bracket *bracket, co
             motion = (restore_motion){.confidence = motion.confidence};
         if (unused)
             motion = (restore_motion){.confidence = 0};
-        report->motion[i] = motion_report(&motion);
-        motion_shape(&report->motion[i], &motion, s->packed.width);
+        report->motion[i] = restore_motion_report(&motion, s->packed.width);
         status = restore_view_create(&s->view[i], &s->packed, frame, bracket->exposure[i],
                                      align && i != reference ? &motion : NULL, pool, error);
         if (status)
@@ -222,13 +205,42 @@ done:
     return status;
 }
 
+/* Which method it is, and the network if it is one: merge where the default network is not installed or where the
+ * bracket is none for it. */
+static brace_status choose_method(brace_method *method, restore_network **network, const brace_bracket *bracket,
+                                  const brace_restore_params *params, const brace_job *job, brace_error *error) {
+    const char *model = params ? params->model : NULL;
+    const bool asked = *method == BRACE_METHOD_NETWORK;
+    char why[256];
+    *network = NULL;
+    if (!asked && *method != BRACE_METHOD_DEFAULT)
+        return BRACE_OK;
+    *method = BRACE_METHOD_MERGE;
+    brace_status status = restore_network_open(network, model, error);
+    if (status)
+        return status;
+    if (!*network) {
+        if (asked)
+            core_note(job, "merged instead: no network's weights are installed (brace-s.safetensors)");
+        return BRACE_OK;
+    }
+    if (restore_network_fits(*network, bracket, why, sizeof why)) {
+        *method = BRACE_METHOD_NETWORK;
+        return BRACE_OK;
+    }
+    core_note(job, "merged instead: %s", why);
+    restore_network_close(*network);
+    *network = NULL;
+    return BRACE_OK;
+}
+
 brace_status brace_restore(brace_restored **out, const brace_bracket *bracket, const brace_restore_params *params,
                            const brace_job *job, brace_error *error) {
     brace_method method = params ? params->method : BRACE_METHOD_DEFAULT;
-    if (method == BRACE_METHOD_DEFAULT)
-        method = BRACE_METHOD_MERGE;
-    if (method != BRACE_METHOD_REFERENCE && method != BRACE_METHOD_MERGE)
+    if ((int)method < BRACE_METHOD_DEFAULT || method > BRACE_METHOD_NETWORK)
         return core_fail(error, BRACE_ERROR_ARGUMENT, "restoration method %d is unknown", (int)method);
+    if (params && ((int)params->precision < BRACE_PRECISION_DEFAULT || params->precision > BRACE_PRECISION_BF16))
+        return core_fail(error, BRACE_ERROR_ARGUMENT, "precision %d is unknown", (int)params->precision);
     const brace_frame *reference = bracket->frames[bracket->reference];
     const size_t count = (size_t)reference->width * reference->height;
 
@@ -243,9 +255,15 @@ brace_status brace_restore(brace_restored **out, const brace_bracket *bracket, c
                              "%s has %g times the exposure of the reference: these frames are no bracket of one scene",
                              bracket->frames[i]->path, bracket->exposure[i]);
 
+    restore_network *network = NULL;
+    status = choose_method(&method, &network, bracket, params, job, error);
+    if (status)
+        return status;
     brace_restored *r = core_calloc(1, sizeof *r);
-    if (!r)
+    if (!r) {
+        restore_network_close(network);
         return core_fail_memory(error, sizeof *r, "the result");
+    }
     core_pool *pool = NULL;
     status = core_pool_create(&pool, job, error);
     if (!status)
@@ -259,15 +277,17 @@ brace_status brace_restore(brace_restored **out, const brace_bracket *bracket, c
         r->report.method = method;
         for (size_t i = 0; i < bracket->count; i++)
             r->report.motion[i] = (brace_motion){.scale = 1, .confidence = 1};
-        if (method == BRACE_METHOD_MERGE) {
-            status = merge(r, bracket, params, job, pool, error);
-            if (!status)
-                raw_quantise(r->frame, r->mosaic, pool);
-        } else {
+        if (method == BRACE_METHOD_REFERENCE) {
             r->report.weight[bracket->reference] = 1;
             raw_normalise(reference, r->mosaic, pool);
+        } else {
+            status = network ? restore_network_run(r, network, bracket, params, job, pool, error)
+                             : merge(r, bracket, params, job, pool, error);
+            if (!status)
+                raw_quantise(r->frame, r->mosaic, pool);
         }
     }
+    restore_network_close(network);
     if (!status) {
         size_t clipped = 0;
         for (size_t i = 0; i < count; i++)

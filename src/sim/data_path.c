@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * data_path.c: finds the presets that come with the program. Files of the
+ * data_path.c: finds the presets and weights that come with the program. Files of the
  * program's data are looked for under $BRACE_DATA, where they were installed,
  * and (for a program that runs from its build folder) in the source tree.
  */
@@ -35,6 +35,19 @@ brace_status sim_data_folder(char *path, const char *kind, brace_error *error) {
     }
     return core_fail(error, BRACE_ERROR_IO, "%s/%s: the program's data is not there; set BRACE_DATA to its folder",
                      place(0), kind);
+}
+
+static bool model_in(char *path, const char *folder, const char *below, const char *name) {
+    const int n = snprintf(path, PATH_MAX, "%s%s/%s.safetensors", folder, below, name);
+    return n > 0 && n < PATH_MAX && is_kind(path, S_IFREG);
+}
+
+bool sim_data_model(char *path, const char *name) {
+    const char *set = getenv("BRACE_MODELS"), *data = getenv("BRACE_DATA");
+    if (set != NULL && *set != '\0')
+        return model_in(path, set, "", name);
+    return (data != NULL && *data != '\0' && model_in(path, data, "/models", name)) ||
+           model_in(path, BRACE_INSTALLED_DATA, "/models", name) || model_in(path, BRACE_SOURCE_MODELS, "", name);
 }
 
 static int by_name(const void *a, const void *b) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* data_path.h: where the presets lie: $BRACE_DATA, else where they were installed, else the source tree. */
+/* data_path.h: where presets and weights lie: $BRACE_DATA, else where they were installed, else the source tree. */
 #ifndef SIM_DATA_PATH_H
 #define SIM_DATA_PATH_H
 
@@ -15,6 +15,10 @@ brace_status sim_data_path(char *path, const char *kind, const char *name_or_pat
 
 /* A folder of data ("screens") itself. */
 brace_status sim_data_folder(char *path, const char *kind, brace_error *error);
+
+/* The weights of the network NAME, if they are there: NAME.safetensors in $BRACE_MODELS and nowhere else, or in models/ of
+ * $BRACE_DATA, of the installed data, of the source tree. Into `path` of PATH_MAX bytes. */
+bool sim_data_model(char *path, const char *name);
 
 /* The presets' names in order, without ".json": a new array of strings, perhaps empty; NULL when memory ends. */
 json_t *sim_data_names(const char *kind);

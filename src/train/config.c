@@ -60,7 +60,7 @@ static void read_data(train_config *c, const json_at *root) {
 
 static void read_loss(train_config *c, const json_at *root) {
     static const char *const keys[] = {"encoding", "mu",           "wavelet",           "wavelet_weights",
-                                       "color",    "color_scales", "color_projections", NULL};
+                                       "l1",       "color",    "color_scales", "color_projections", NULL};
     static const char *const encodings[] = {"gamma", "mu_law", NULL};
     train_loss_params *l = &c->loss;
     *l = (train_loss_params){.encoding = TRAIN_GAMMA, .mu = 5000, .wavelet = 0.5, .msswd = {5, 32}};
@@ -75,6 +75,10 @@ static void read_loss(train_config *c, const json_at *root) {
     l->wavelet = json_check_number(&loss, "wavelet", 0, 1000, 0.5);
     json_check_numbers(&loss, "wavelet_weights", l->bands, TRAIN_WAVELET_BANDS, TRAIN_WAVELET_BANDS, 0, 1000, false);
     l->color = json_check_number(&loss, "color", 0, 1000, 0);
+    l->no_l1 = !json_check_bool(&loss, "l1", true);
+    if (l->no_l1 && !(l->wavelet > 0 || l->color > 0)) {
+        json_check_fail(&loss, "l1", "nothing is left to learn from: wavelet and color are 0");
+    }
     l->msswd.scales = (int)json_check_integer(&loss, "color_scales", 1, 8, 5);
     l->msswd.projections = (int)json_check_integer(&loss, "color_projections", 1, 512, 32);
 }

@@ -15,6 +15,9 @@ train_loss train_loss_build(nn_graph *g, nn_weights *weights, nn_value predictio
                                        train_encode(g, out.truth, params->encoding, params->mu));
     out.total = out.l1 = nn_mean(g, nn_abs(g, difference), true, true, true, true);
     nn_output(g, "l1", out.l1);
+    if (params->no_l1) {
+        out.total = nn_affine(g, out.l1, 0, 0); /* still told in the log */
+    }
     if (params->wavelet > 0) {
         out.wavelet = train_loss_wavelet(g, difference, params->bands);
         nn_output(g, "wavelet", out.wavelet);

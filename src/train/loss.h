@@ -60,6 +60,7 @@ typedef struct train_loss_params {
     train_encoding encoding;
     double mu;             /* of the mu-law */
     double wavelet, color; /* weights; 0: left out */
+    bool no_l1;            /* L1 is left out, too, which an ablation asks for */
     double bands[TRAIN_WAVELET_BANDS];
     train_msswd msswd;
 } train_loss_params;

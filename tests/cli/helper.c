@@ -8,6 +8,8 @@
  *   size FILE                   width, height, channels, bits of a picture
  *   same A B LIMIT              whether two pictures differ by at most LIMIT of 255 in the mean
  *   damage IN OUT SEED          flips some bits
+ *   network OUT.safetensors NAME [VALUE]  random weights of the small network NAME (brace-s, tmrnet-s), such as brace
+ *                               train would write; VALUE instead of the first of them
  *   white FILE.png SIDE         a square picture of one colour, in one bit a pixel
  *   stop MILLISECONDS SIGNAL[,SIGNAL...] COMMAND...  runs a command, sends signals, 20 ms
  *                               apart, and prints its exit code (128 + N for signal N)
@@ -27,6 +29,7 @@
 
 #include "brace/brace.h"
 #include "core/core.h"
+#include "models/models.h"
 
 static int fail(const char *what) {
     fprintf(stderr, "helper: %s\n", what);
@@ -271,6 +274,51 @@ static int white(const char *path, unsigned side) {
     return fclose(f) == 0 ? 0 : fail("cannot write");
 }
 
+/* ---- network ---- */
+
+static int network(int argc, char **argv) {
+    brace_error error = {0};
+    models_shape shape;
+    nn_weights *weights = NULL;
+    nn_graph *g = NULL;
+    if (argc < 2 || !models_shape_named(&shape, argv[1])) {
+        return fail("network OUT.safetensors NAME [VALUE]");
+    }
+    shape.channels = 8, shape.global = 1, shape.reconstruct = 0;
+    brace_status status = nn_weights_create(&weights, 1, &error);
+    if (status == BRACE_OK) {
+        status = nn_graph_create(&g, weights, NULL, &error);
+    }
+    if (status == BRACE_OK) {
+        const models_inputs inputs = {nn_input(g, "frames", (nn_shape){shape.frames, 64, 64, 8}),
+                                      nn_input(g, "flow", (nn_shape){shape.frames, 64, 64, 2}),
+                                      nn_input(g, "white", (nn_shape){shape.frames, 1, 1, 1}),
+                                      nn_input(g, "descriptors", (nn_shape){shape.frames, 1, 1, 8}),
+                                      nn_input(g, "rho", (nn_shape){shape.frames, 1, 1, 1})};
+        models_build(g, &shape, &inputs);
+        status = nn_graph_error(g, &error);
+    }
+    json_t *json = models_shape_json(&shape);
+    char *text = json_dumps(json, JSON_COMPACT);
+    if (status == BRACE_OK) {
+        nn_parameter *last = nn_weights_find(weights, "conv_last.weight");
+        core_random r = core_random_create(1, 0, 0, 0);
+        for (size_t i = 0; i < last->count; i++) {
+            last->value[i] = (float)(0.005 * core_random_normal(&r));
+        }
+        if (argc > 2) {
+            nn_weights_at(weights, 0)->value[0] = (float)atof(argv[2]);
+        }
+        const char *metadata[] = {"model", argv[1], "network", text, NULL};
+        status = nn_weights_save(weights, argv[0], "bf16", metadata, &error);
+    }
+    free(text);
+    json_decref(json);
+    nn_graph_destroy(g);
+    nn_weights_destroy(weights);
+    return status == BRACE_OK ? 0 : fail(error.message);
+}
+
 /* ---- stop ---- */
 
 static void wait_ms(long ms) {
@@ -326,8 +374,11 @@ int main(int argc, char **argv) {
     if (strcmp(name, "white") == 0 && argc == 2) {
         return white(argv[0], (unsigned)atol(argv[1]));
     }
+    if (strcmp(name, "network") == 0) {
+        return network(argc, argv);
+    }
     if (strcmp(name, "stop") == 0) {
         return stop(argc, argv);
     }
-    return fail("edit, damage, json, mean, size, same, white or stop");
+    return fail("edit, damage, json, mean, size, same, network, white or stop");
 }

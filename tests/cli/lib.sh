@@ -7,6 +7,7 @@ brace=$(realpath "$1")
 helper=$(realpath "$2")
 root=$(realpath "$3")
 export brace helper root
+export BRACE_MODELS=/nonexistent # tests that need a network make one
 work=$(mktemp -d)
 trap 'cd /; rm -rf "$work"' EXIT
 cd "$work" || exit 1
@@ -82,6 +83,17 @@ leaves() {
 }
 json() {
     "$helper" json "$@"
+}
+# alone FILE: it loads nothing, runs nothing from a name, and is UTF-8 without control characters.
+alone() {
+    ok "$1 is UTF-8" iconv -f UTF-8 -t UTF-16 "$1"
+    is "addresses in $1" "$(grep -cE 'https?:|//[a-z]+\.|url\(|@import|<link|<iframe|<object|<base|href=' "$1")" 0
+    is "pictures of $1 from elsewhere" "$(grep -oE 'src="[^"]{5}' "$1" | grep -cvF 'src="data:')" 0
+    is "scripts of $1" "$(grep -c '<script' "$1")" 1
+    is "handlers in $1" "$(grep -cE '<[^>]*[[:space:]]on[a-z]+=' "$1")" 0
+    ok "$1 is whole" grep -q '</html>' "$1"
+    ok "$1 forbids the network" grep -q "default-src 'none'" "$1"
+    is "control characters in $1" "$(LC_ALL=C grep -cP '[\x00-\x08\x0b-\x1f\x7f]' "$1")" 0
 }
 finish() {
     echo "$checks checks, $failures failed"

@@ -109,6 +109,11 @@ int nn_methods(nn_type in, const nn_method *methods[NN_MAX_METHODS]) {
     return count;
 }
 
+bool nn_bf16_is_fast(void) {
+    fill_once();
+    return table.bf16 != NULL && (table.forced == NULL || (table.forced->isa != NULL && table.forced->isa->in == NN_BF16));
+}
+
 const nn_method *nn_method_choose(nn_backend backend, nn_conv_types types, const nn_conv_shape *shape) {
     fill_once();
     if (types.in == NN_F64) {
