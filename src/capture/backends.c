@@ -29,6 +29,13 @@ brace_status capture_backend_find(const capture_backend **out, const char **port
         const size_t used = strlen(names);
         snprintf(names + used, sizeof names - used, "%s%s", i > 0 ? ", " : "", name);
     }
+#ifndef CAPTURE_HAVE_GPHOTO2
+    if (n == strlen("gphoto2") && strncmp(camera, "gphoto2", n) == 0) {
+        return core_fail(error, BRACE_ERROR_UNSUPPORTED,
+                         "tethered cameras are not in this build of BRACE, which was made without libgphoto2 (Debian: "
+                         "install libgphoto2-dev and build again)");
+    }
+#endif
     return core_fail(error, BRACE_ERROR_ARGUMENT, "there is no kind of camera '%.*s'; there are: %s", (int)n, camera,
                      names);
 }

@@ -6,6 +6,7 @@
  * without end for a picture that does not come.
  */
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 
@@ -23,7 +24,6 @@ typedef struct gphoto2_camera {
     gphoto2_settings settings;
     capture_stops exposures, isos;
     char shutter_name[16], iso_name[16]; /* of the settings */
-    bool in_memory; /* pictures go to the camera's memory, not to its card, and are to be released */
     bool delete;    /* those on the card, too */
 } gphoto2_camera;
 
@@ -63,7 +63,7 @@ static brace_status gphoto2_list(const capture_address *address, const brace_job
 static const struct {
     const char *name;
     const char *wanted[4];
-    const char *only; /* leave it alone unless its value has this in it */
+    const char *only;    /* leave it alone unless its value has this in it */
     const char *else_do; /* NULL: it is no loss if it cannot be set; otherwise what the photographer has to do */
 } preparations[] = {
     {"capturetarget", {"Internal RAM", "sdram"}, NULL, NULL},
@@ -118,7 +118,6 @@ static brace_status prepare(gphoto2_camera *camera, brace_error *error) {
         const bool can = !gphoto2_is_readonly(widget) && offered(widget, wanted, text);
         gp_widget_free(widget);
         if (done || (preparations[i].only != NULL && strcasestr(now, preparations[i].only) == NULL)) {
-            camera->in_memory = camera->in_memory || (i == 0 && done);
             continue;
         }
         brace_error problem;
@@ -126,13 +125,13 @@ static brace_status prepare(gphoto2_camera *camera, brace_error *error) {
         if (can) {
             status = gphoto2_change(s, &camera->settings, name, text, OPEN_PATIENCE, NULL, &problem);
         }
-        camera->in_memory = camera->in_memory || (i == 0 && status == BRACE_OK);
         if (status == BRACE_ERROR_CANCELLED || s->gone) {
             return core_fail(error, status, "%s", problem.message);
         }
         if (status != BRACE_OK && preparations[i].else_do != NULL) {
-            return core_fail(error, BRACE_ERROR_UNSUPPORTED, "%s: '%s' of the camera is '%s', and a bracket needs '%s': %s",
-                             s->port, name, known ? now : "unknown", wanted[0], preparations[i].else_do);
+            return core_fail(error, BRACE_ERROR_UNSUPPORTED,
+                             "%s: '%s' of the camera is '%s', and a bracket needs '%s': %s", s->port, name,
+                             known ? now : "unknown", wanted[0], preparations[i].else_do);
         }
     }
     return BRACE_OK;
@@ -210,6 +209,7 @@ static brace_status fill_limits(gphoto2_camera *camera, brace_error *error) {
     /* Where there are both, the second is exact, and the first rounded to tenths of milliseconds (Nikon). */
     static const char *const shutters[] = {"shutterspeed2", "shutterspeed", "exptime", NULL};
     static const char *const speeds[] = {"iso", "isospeed", NULL};
+    double range[2] = {0, 0};
     bool readonly;
     if (!find_stops(camera, shutters, camera->shutter_name, &camera->exposures, capture_choice_exposure, NULL,
                     &readonly)) {
@@ -218,17 +218,19 @@ static brace_status fill_limits(gphoto2_camera *camera, brace_error *error) {
                                    "%s: the camera does not let the computer set its shutter%s", s->port,
                                    readonly ? " as it stands: turn its mode dial to M" : "");
     }
-    if (!find_stops(camera, speeds, camera->iso_name, &camera->isos, capture_choice_iso, &limits->iso_min, &readonly)) {
-        return s->gone ? gphoto2_fail(s, GP_ERROR_IO, NULL, error, "reading the choices of ISO")
-                       : core_fail(error, BRACE_ERROR_UNSUPPORTED,
-                                   "%s: the camera does not let the computer set its ISO%s", s->port,
-                                   readonly ? " as it stands: switch automatic ISO off" : "");
+    if (!find_stops(camera, speeds, camera->iso_name, &camera->isos, capture_choice_iso, range, &readonly)) {
+        return s->gone
+                   ? gphoto2_fail(s, GP_ERROR_IO, NULL, error, "reading the choices of ISO")
+                   : core_fail(error, BRACE_ERROR_UNSUPPORTED, "%s: the camera does not let the computer set its ISO%s",
+                               s->port, readonly ? " as it stands: switch automatic ISO off" : "");
     }
     limits->exposure_count = camera->exposures.count;
     memcpy(limits->exposures, camera->exposures.values, camera->exposures.count * sizeof limits->exposures[0]);
     limits->exposure_min = limits->exposures[0];
     limits->exposure_max = limits->exposures[limits->exposure_count - 1];
     limits->iso_count = camera->isos.count;
+    limits->iso_min = range[0];
+    limits->iso_max = range[1];
     if (limits->iso_count > 0) {
         memcpy(limits->isos, camera->isos.values, camera->isos.count * sizeof limits->isos[0]);
         limits->iso_min = limits->isos[0];
@@ -418,13 +420,13 @@ static brace_status fetch(gphoto2_camera *camera, const CameraFilePath *path, Ca
         GPHOTO2_CALL(s, n, gp_camera_file_get_info(s->camera, path->folder, path->name, &info, s->context));
         const bool announced = n >= 0 && (info.file.fields & GP_FILE_INFO_SIZE) != 0;
         if (announced && info.file.size > FILE_MOST) {
-            return core_fail(error, BRACE_ERROR_FORMAT, "%s: '%s' is said to have %llu bytes, and no RAW file has", s->port,
-                             path->name, (unsigned long long)info.file.size);
+            return core_fail(error, BRACE_ERROR_FORMAT, "%s: '%s' is said to have %llu bytes, and no RAW file has",
+                             s->port, path->name, (unsigned long long)info.file.size);
         }
         n = gp_file_new(file);
         if (n >= 0) {
-            GPHOTO2_CALL(s, n, gp_camera_file_get(s->camera, path->folder, path->name, GP_FILE_TYPE_NORMAL, *file,
-                                                  s->context));
+            GPHOTO2_CALL(
+                s, n, gp_camera_file_get(s->camera, path->folder, path->name, GP_FILE_TYPE_NORMAL, *file, s->context));
         }
         n = n >= 0 ? gp_file_get_data_and_size(*file, &data, &size) : n;
         if (n >= 0 && size > 0 && (!announced || size == info.file.size)) {
@@ -435,8 +437,8 @@ static brace_status fetch(gphoto2_camera *camera, const CameraFilePath *path, Ca
             status = gphoto2_fail(s, n, trouble, error, "fetching '%s'", path->name);
         } else {
             *trouble = CAPTURE_TROUBLE_DROPPED;
-            status = core_fail(error, BRACE_ERROR_IO, "%s: '%s' was cut short: %lu of %llu bytes came", s->port, path->name,
-                               size, announced ? (unsigned long long)info.file.size : 0);
+            status = core_fail(error, BRACE_ERROR_IO, "%s: '%s' was cut short: %lu of %llu bytes came", s->port,
+                               path->name, size, announced ? (unsigned long long)info.file.size : 0);
         }
         gp_file_free(*file);
         *file = NULL;
@@ -458,7 +460,8 @@ static brace_status store(gphoto2_camera *camera, const CameraFilePath *path, Ca
     unsigned long size = 0;
     char name[4096];
     capture_name_is_raw(path->name, out->extension);
-    if (gp_file_get_data_and_size(file, &data, &size) < 0 || snprintf(name, sizeof name, "%s.%s", stem, out->extension) >= (int)sizeof name) {
+    if (gp_file_get_data_and_size(file, &data, &size) < 0 ||
+        snprintf(name, sizeof name, "%s.%s", stem, out->extension) >= (int)sizeof name) {
         return core_fail(error, BRACE_ERROR_ARGUMENT, "%s: the name of the file is too long", stem);
     }
     if (size >= 3 && memcmp(data, "\xff\xd8\xff", 3) == 0) {
@@ -476,8 +479,10 @@ static brace_status store(gphoto2_camera *camera, const CameraFilePath *path, Ca
     return core_file_commit_unsynced(f, error);
 }
 
+/* Pictures that a camera holds in its memory are shown in the root folder; there the next one needs their room. Those on
+ * a card are the photographer's. */
 static void remove_from_camera(gphoto2_camera *camera, const CameraFilePath *path) {
-    if (camera->in_memory || camera->delete) {
+    if (camera->delete || strcmp(path->folder, "/") == 0) {
         gphoto2_session *s = &camera->session;
         int n;
         GPHOTO2_CALL(s, n, gp_camera_file_delete(s->camera, path->folder, path->name, s->context));

@@ -84,8 +84,8 @@ bool capture_choice_exposure(const char *text, double *seconds) {
     static const struct {
         const char *name;
         double factor;
-    } units[] = {{"", 1},        {"s", 1},    {"sec", 1},  {"second", 1}, {"seconds", 1},
-                 {"\"", 1},      {"''", 1},   {"m", 60},   {"min", 60},   {"ms", 1e-3}};
+    } units[] = {{"", 1},   {"s", 1},  {"sec", 1}, {"second", 1}, {"seconds", 1},
+                 {"\"", 1}, {"''", 1}, {"m", 60},  {"min", 60},   {"ms", 1e-3}};
     const char *p = skip_spaces(text);
     double value;
     if (!ratio(&p, &value)) {
@@ -136,9 +136,9 @@ bool capture_choice_aperture(const char *text, double *f_number) {
 }
 
 /* The suffixes of RAW files; those of them that are also what cameras call the format come first. */
-static const char *const raw_names[] = {"raw", "nef", "nrw", "cr2", "cr3", "crw", "dng", "arw", "raf", "orf",
-                                        "rw2", "pef", "srw", "rwl", "3fr", "iiq", "srf", "sr2", "dcr", "kdc",
-                                        "erf", "mrw", "mos", "mef"};
+static const char *const raw_names[] = {"raw", "nef", "nrw", "cr2", "cr3", "crw", "dng", "arw",
+                                        "raf", "orf", "rw2", "pef", "srw", "rwl", "3fr", "iiq",
+                                        "srf", "sr2", "dcr", "kdc", "erf", "mrw", "mos", "mef"};
 enum { FORMAT_NAMES = 13 };
 
 bool capture_name_is_raw(const char *name, char extension[8]) {
@@ -165,14 +165,15 @@ bool capture_name_is_raw(const char *name, char extension[8]) {
 }
 
 int capture_choice_raw(const char *text) {
-    static const char *const others[] = {"+", "jpeg", "jpg", "heif", "heic", "tiff", "fine", "normal", "basic", "large"};
+    static const char *const others[] = {"+",    "jpeg", "jpg",    "heif",  "heic",
+                                         "tiff", "fine", "normal", "basic", "large"};
     static const char *const fewer[] = {"small", "medium", "raw 2", "raw2"};
     bool found = false, lossy = false, small = false;
     for (size_t i = 0; i < FORMAT_NAMES; i++) {
         for (const char *at = strcasestr(text, raw_names[i]); at != NULL; at = strcasestr(at + 1, raw_names[i])) {
             const bool first = at == text || !isalpha((unsigned char)at[-1]);
             const bool kind = !first && (at - 1 == text || !isalpha((unsigned char)at[-2]));
-            const int letter = kind ? tolower((unsigned char)at[-1]) : 0;
+            const int letter = kind ? tolower((unsigned char)at[-1]) : '-';
             if (isalpha((unsigned char)at[strlen(raw_names[i])]) || !(first || strchr("cms", letter) != NULL)) {
                 continue; /* part of another word */
             }
@@ -193,8 +194,8 @@ int capture_choice_raw(const char *text) {
         small = small || strcasestr(text, fewer[i]) != NULL;
     }
     const char *compressed = strcasestr(text, "compressed");
-    lossy = lossy || (compressed != NULL && strcasestr(text, "uncompressed") == NULL &&
-                      strcasestr(text, "lossless") == NULL);
+    lossy = lossy ||
+            (compressed != NULL && strcasestr(text, "uncompressed") == NULL && strcasestr(text, "lossless") == NULL);
     return small ? 2 : lossy ? 3 : 4;
 }
 

@@ -11,8 +11,8 @@
 
 #include "capture/camera.h"
 
-/* An exposure time in seconds, 1 microsecond to a day; false for bulb, automatic and whatever else is no time. Without a
- * unit the number is in seconds; "m" and "min" are minutes. */
+/* An exposure time in seconds, 1 microsecond to a day; false for bulb, automatic and whatever else is no time. Without
+ * a unit the number is in seconds; "m" and "min" are minutes. */
 bool capture_choice_exposure(const char *text, double *seconds);
 
 /* An ISO from 1 to 10 million, with or without "ISO" before it; false for "Auto" and for modes that happen to begin

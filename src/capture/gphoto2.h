@@ -14,6 +14,7 @@
 #define CAPTURE_GPHOTO2_H
 
 #include <gphoto2/gphoto2.h>
+#include <signal.h>
 
 #include "capture/camera.h"
 #include "capture/choices.h"
@@ -36,11 +37,11 @@ typedef struct gphoto2_session {
  * is an error there, not a signal (SIGPIPE) here. `said` begins anew. */
 void gphoto2_begin(gphoto2_session *session);
 void gphoto2_end(gphoto2_session *session);
-#define GPHOTO2_CALL(session, result, call) \
-    do {                                    \
-        gphoto2_begin(session);             \
-        (result) = (call);                  \
-        gphoto2_end(session);               \
+#define GPHOTO2_CALL(session, result, call)                                                                            \
+    do {                                                                                                               \
+        gphoto2_begin(session);                                                                                        \
+        (result) = (call);                                                                                             \
+        gphoto2_end(session);                                                                                          \
     } while (0)
 
 /* A context whose messages reach the session; for list, too, which opens nothing. */

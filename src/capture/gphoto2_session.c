@@ -1,10 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* gphoto2_session.c: opening and closing a camera of libgphoto2, and what it says. */
 #include <errno.h>
+#include <fcntl.h>
 #include <pthread.h>
 #include <signal.h>
+#include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "capture/gphoto2.h"
 
@@ -174,11 +177,11 @@ static brace_status detect(gphoto2_session *session, bool any, brace_error *erro
         status = core_fail(error, BRACE_ERROR_ARGUMENT,
                            "there are several cameras on USB: %s; say which one, as gphoto2:PORT", names);
     } else if (matches == 0) {
-        status = core_fail(error, BRACE_ERROR_IO,
-                           "no camera was found %s%s%s%s; is it switched on, and is no other program (a file manager) "
-                           "holding it? One on the network is given by its address: gphoto2:ptpip:ADDRESS",
-                           any ? "on USB" : "at ", any ? "" : session->port, names[0] != '\0' ? "; there are: " : "",
-                           names);
+        status =
+            core_fail(error, BRACE_ERROR_IO,
+                      "no camera was found %s%s%s%s; is it switched on, and is no other program (a file manager) "
+                      "holding it? One on the network is given by its address: gphoto2:ptpip:ADDRESS",
+                      any ? "on USB" : "at ", any ? "" : session->port, names[0] != '\0' ? "; there are: " : "", names);
     } else {
         snprintf(session->driver, sizeof session->driver, "%s", name);
         snprintf(session->port, sizeof session->port, "%s", port);
@@ -218,7 +221,8 @@ static void network_path(char path[160], const char *port) {
 
 brace_status gphoto2_open(gphoto2_session *session, const char *port, const char *model, brace_error *error) {
     const bool network = port != NULL && strncmp(port, "ptpip:", 6) == 0;
-    if (port != NULL && (strlen(port) >= sizeof session->port || (model != NULL && strlen(model) >= sizeof session->driver))) {
+    if (port != NULL &&
+        (strlen(port) >= sizeof session->port || (model != NULL && strlen(model) >= sizeof session->driver))) {
         return core_fail(error, BRACE_ERROR_ARGUMENT, "the camera's port or model is too long");
     }
     snprintf(session->port, sizeof session->port, "%s", port != NULL ? port : "usb:");
@@ -240,6 +244,8 @@ brace_status gphoto2_open(gphoto2_session *session, const char *port, const char
         int n = gp_camera_new(&session->camera);
         n = n < 0 ? n : prepare(session, network ? path : session->port);
         if (n == GP_ERROR_MODEL_NOT_FOUND || n == GP_ERROR_UNKNOWN_PORT) {
+            gp_camera_free(session->camera);
+            session->camera = NULL;
             status = core_fail(error, BRACE_ERROR_ARGUMENT, "libgphoto2 knows no %s '%s'",
                                n == GP_ERROR_UNKNOWN_PORT ? "port" : "camera",
                                n == GP_ERROR_UNKNOWN_PORT ? session->port : session->driver);
@@ -264,20 +270,29 @@ brace_status gphoto2_open(gphoto2_session *session, const char *port, const char
             break;
         }
     }
-    if (session->camera != NULL) {
-        gp_camera_free(session->camera);
-        session->camera = NULL;
-    }
     return status;
+}
+
+/* The PTP/IP driver of 2.5.30 and others closes descriptor 0 together with its own, as one that it never opened is 0
+ * there and not -1. Whatever it is to us, the terminal or a file, it is given back. */
+static void exit_and_free(gphoto2_session *session) {
+    const int flags = fcntl(STDIN_FILENO, F_GETFD), saved = fcntl(STDIN_FILENO, F_DUPFD_CLOEXEC, STDERR_FILENO + 1);
+    gphoto2_begin(session);
+    gp_camera_exit(session->camera, session->context);
+    gp_camera_free(session->camera);
+    gphoto2_end(session);
+    session->camera = NULL;
+    if (saved >= 0) {
+        if (fcntl(STDIN_FILENO, F_GETFD) < 0 && dup2(saved, STDIN_FILENO) == STDIN_FILENO) {
+            fcntl(STDIN_FILENO, F_SETFD, flags);
+        }
+        close(saved);
+    }
 }
 
 void gphoto2_close(gphoto2_session *session) {
     if (session->camera != NULL) {
-        gphoto2_begin(session);
-        gp_camera_exit(session->camera, session->context);
-        gp_camera_free(session->camera);
-        gphoto2_end(session);
-        session->camera = NULL;
+        exit_and_free(session);
     }
     if (session->context != NULL) {
         gp_context_unref(session->context);

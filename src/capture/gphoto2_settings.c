@@ -123,9 +123,10 @@ static brace_status set(gphoto2_session *session, const char *name, const char *
             }
             /* The driver remembers what it read for two seconds, unless it was told to set: so that is done again. */
             *trouble = CAPTURE_TROUBLE_FINAL;
-            status = core_fail(error, BRACE_ERROR_IO,
-                               "%s: the camera was told to set '%s' to '%s' and keeps '%s'; does its mode dial allow it?",
-                               session->port, name, text, now);
+            status =
+                core_fail(error, BRACE_ERROR_IO,
+                          "%s: the camera was told to set '%s' to '%s' and keeps '%s'; does its mode dial allow it?",
+                          session->port, name, text, now);
             end = kept_end;
         }
         if (core_seconds() + pause > end) {

@@ -9,6 +9,7 @@
 #include <netinet/tcp.h>
 #include <poll.h>
 #include <pthread.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
 #include <sys/socket.h>
@@ -30,6 +31,7 @@ struct ptpip_camera {
     uint16_t port;
     int newcomers[NEWCOMERS]; /* connections that have not said yet what they are; -1: none */
     int command, event;       /* -1: none */
+    uint8_t computer[16];     /* its GUID: the same one may come again */
     bool session;
     uint32_t transaction;
     uint8_t packet[PTPIP_PACKET_MAX], reply[PTPIP_PACKET_MAX];
@@ -38,15 +40,24 @@ struct ptpip_camera {
 /* ---- faults ---- */
 
 static const char *const fault_names[PTPIP_FAULT_COUNT] = {
-    [PTPIP_FAULT_BUSY_OPEN] = "busy-open",         [PTPIP_FAULT_BUSY_SET] = "busy-set",
-    [PTPIP_FAULT_BUSY_SHOOT] = "busy-shoot",       [PTPIP_FAULT_BUSY_DOWNLOAD] = "busy-download",
-    [PTPIP_FAULT_DROP_SET] = "drop-set",           [PTPIP_FAULT_DROP_SHOOT] = "drop-shoot",
-    [PTPIP_FAULT_DROP_EXPOSE] = "drop-expose",     [PTPIP_FAULT_DROP_DOWNLOAD] = "drop-download",
-    [PTPIP_FAULT_NO_OBJECT] = "no-object",         [PTPIP_FAULT_NO_EVENT] = "no-event",
-    [PTPIP_FAULT_REFUSE] = "refuse",               [PTPIP_FAULT_KEEP] = "keep",
-    [PTPIP_FAULT_LIE] = "lie",                     [PTPIP_FAULT_TRUNCATE] = "truncate",
-    [PTPIP_FAULT_JPEG] = "jpeg",                   [PTPIP_FAULT_FULL] = "full",
-    [PTPIP_FAULT_HANG] = "hang",                   [PTPIP_FAULT_LENGTH] = "length",
+    [PTPIP_FAULT_BUSY_OPEN] = "busy-open",
+    [PTPIP_FAULT_BUSY_SET] = "busy-set",
+    [PTPIP_FAULT_BUSY_SHOOT] = "busy-shoot",
+    [PTPIP_FAULT_BUSY_DOWNLOAD] = "busy-download",
+    [PTPIP_FAULT_DROP_SET] = "drop-set",
+    [PTPIP_FAULT_DROP_SHOOT] = "drop-shoot",
+    [PTPIP_FAULT_DROP_EXPOSE] = "drop-expose",
+    [PTPIP_FAULT_DROP_DOWNLOAD] = "drop-download",
+    [PTPIP_FAULT_NO_OBJECT] = "no-object",
+    [PTPIP_FAULT_NO_EVENT] = "no-event",
+    [PTPIP_FAULT_REFUSE] = "refuse",
+    [PTPIP_FAULT_KEEP] = "keep",
+    [PTPIP_FAULT_LIE] = "lie",
+    [PTPIP_FAULT_TRUNCATE] = "truncate",
+    [PTPIP_FAULT_JPEG] = "jpeg",
+    [PTPIP_FAULT_FULL] = "full",
+    [PTPIP_FAULT_HANG] = "hang",
+    [PTPIP_FAULT_LENGTH] = "length",
 };
 
 const char *ptpip_fault_name(ptpip_fault_kind kind) {
@@ -136,7 +147,10 @@ static void greet(ptpip_camera *camera, int *newcomer) {
     *newcomer = -1;
     if (!ptpip_receive_packet(fd, &type, camera->packet, &size, &oversized)) {
         receive_failed(camera, oversized);
-    } else if (type == PTPIP_INIT_COMMAND_REQUEST && size >= 16 + 2 + 4 && camera->command < 0) {
+    } else if (type == PTPIP_INIT_COMMAND_REQUEST && size >= 16 + 2 + 4 &&
+               (camera->command < 0 || memcmp(camera->computer, camera->packet, 16) == 0)) {
+        drop(camera);
+        memcpy(camera->computer, camera->packet, 16);
         static const char name[] = "Test Camera";
         ptpip_writer w = {.data = camera->reply, .capacity = sizeof camera->reply};
         ptpip_put32(&w, 1); /* connection number */
@@ -280,8 +294,8 @@ static bool receive_data(ptpip_camera *camera, request *q) {
 
 /* The smallest thing that begins and ends as a JPEG does. */
 static void *small_jpeg(size_t *size) {
-    static const uint8_t bytes[] = {0xff, 0xd8, 0xff, 0xe0, 0, 16, 'J', 'F', 'I', 'F', 0, 1, 1, 0, 0, 1, 0, 1, 0, 0,
-                                    0xff, 0xd9};
+    static const uint8_t bytes[] = {0xff, 0xd8, 0xff, 0xe0, 0, 16, 'J', 'F', 'I', 'F',  0,
+                                    1,    1,    0,    0,    1, 0,  1,   0,   0,   0xff, 0xd9};
     void *copy = core_alloc(sizeof bytes, 1);
     if (copy != NULL) {
         memcpy(copy, bytes, sizeof bytes);

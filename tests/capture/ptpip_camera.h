@@ -60,9 +60,9 @@ typedef struct ptpip_params {
      * choice of formats that begins at JPEG. Otherwise what the standard has: exposures in tenths of milliseconds,
      * pictures always RAW. */
     bool maker;
-    bool jpeg_only;   /* with `maker`: the format cannot be changed from JPEG */
-    bool both;        /* with `maker`: "RAW" gives a JPEG too, which comes first */
-    bool program;     /* the mode dial is at P, and cannot be turned from the computer */
+    bool jpeg_only; /* with `maker`: the format cannot be changed from JPEG */
+    bool both;      /* with `maker`: "RAW" gives a JPEG too, which comes first */
+    bool program;   /* the mode dial is at P, and cannot be turned from the computer */
 
     const ptpip_fault *faults;
     size_t fault_count; /* at most PTPIP_FAULTS_MAX */
@@ -79,9 +79,9 @@ typedef struct ptpip_tally {
     unsigned exposures;   /* pictures made */
     unsigned downloads;   /* pictures sent in whole */
     unsigned deleted;
-    unsigned faults;      /* of those asked for */
-    unsigned rejected;    /* packets that were none */
-    bool restored;        /* every property has the value that it began with */
+    unsigned faults;   /* of those asked for */
+    unsigned rejected; /* packets that were none */
+    bool restored;     /* every property has the value that it began with */
 } ptpip_tally;
 
 typedef struct ptpip_camera ptpip_camera;

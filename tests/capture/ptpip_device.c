@@ -14,13 +14,27 @@ enum { FORMAT_ASSOCIATION = 0x3001, FORMAT_JPEG = 0x3801, FORMAT_DNG = 0x3811 };
 enum { MAKER_JPEG = 2, MAKER_RAW = 4, MAKER_BOTH = 5 };
 
 /* Tenths of milliseconds. */
-static const uint32_t tenths[] = {2,   4,   5,   8,   10,  13,  16,   20,   25,   31,   40,   50,   63,   80,
-                                  100, 125, 160, 200, 250, 320, 400,  500,  640,  800,  1000, 1280, 1600, 2000,
-                                  2560, 3200, 4000, 5120, 6400, 8000, 10240, 20480};
-static const uint32_t fractions[] = {
-    FRACTION(1, 4000), FRACTION(1, 2000), FRACTION(1, 1000), FRACTION(1, 500), FRACTION(1, 250), FRACTION(1, 125),
-    FRACTION(1, 60),   FRACTION(1, 30),   FRACTION(1, 16),   FRACTION(10, 80), FRACTION(10, 40), FRACTION(10, 25),
-    FRACTION(5, 10),   FRACTION(1, 1),    FRACTION(2, 1),    BULB,             TIME,             FLASH};
+static const uint32_t tenths[] = {2,    4,    5,    8,    10,   13,   16,   20,   25,   31,   40,    50,
+                                  63,   80,   100,  125,  160,  200,  250,  320,  400,  500,  640,   800,
+                                  1000, 1280, 1600, 2000, 2560, 3200, 4000, 5120, 6400, 8000, 10240, 20480};
+static const uint32_t fractions[] = {FRACTION(1, 4000),
+                                     FRACTION(1, 2000),
+                                     FRACTION(1, 1000),
+                                     FRACTION(1, 500),
+                                     FRACTION(1, 250),
+                                     FRACTION(1, 125),
+                                     FRACTION(1, 60),
+                                     FRACTION(1, 30),
+                                     FRACTION(1, 16),
+                                     FRACTION(10, 80),
+                                     FRACTION(10, 40),
+                                     FRACTION(10, 25),
+                                     FRACTION(5, 10),
+                                     FRACTION(1, 1),
+                                     FRACTION(2, 1),
+                                     BULB,
+                                     TIME,
+                                     FLASH};
 static const uint32_t isos[] = {25, 50, 100, 200, 400, 800, 1600, 3200, 6400};
 static const uint32_t apertures[] = {280, 400, 560, 800};
 static const uint32_t balances[] = {2, 4, 5, 6};
@@ -32,8 +46,7 @@ static const uint32_t only_jpeg[] = {0, 1, MAKER_JPEG};
 
 static void add(ptpip_device *device, uint16_t code, uint16_t type, bool writable, uint32_t value,
                 const uint32_t *choices, size_t count) {
-    device->properties[device->property_count++] =
-        (ptpip_property){code, type, writable, value, value, choices, count};
+    device->properties[device->property_count++] = (ptpip_property){code, type, writable, value, value, choices, count};
 }
 
 static void folder(ptpip_device *device, uint32_t handle, uint32_t parent, const char *name) {
@@ -149,11 +162,11 @@ void ptpip_device_delete(ptpip_object *object) {
 }
 
 void ptpip_write_device_info(ptpip_writer *w, const ptpip_device *device) {
-    static const uint16_t operations[] = {
-        PTP_GET_DEVICE_INFO,    PTP_OPEN_SESSION,   PTP_CLOSE_SESSION, PTP_GET_STORAGE_IDS,
-        PTP_GET_STORAGE_INFO,   PTP_GET_NUM_OBJECTS, PTP_GET_OBJECT_HANDLES, PTP_GET_OBJECT_INFO,
-        PTP_GET_OBJECT,         PTP_DELETE_OBJECT,  PTP_INITIATE_CAPTURE, PTP_GET_PROPERTY_DESCRIPTION,
-        PTP_GET_PROPERTY,       PTP_SET_PROPERTY,   PTP_GET_PARTIAL_OBJECT};
+    static const uint16_t operations[] = {PTP_GET_DEVICE_INFO,    PTP_OPEN_SESSION,     PTP_CLOSE_SESSION,
+                                          PTP_GET_STORAGE_IDS,    PTP_GET_STORAGE_INFO, PTP_GET_NUM_OBJECTS,
+                                          PTP_GET_OBJECT_HANDLES, PTP_GET_OBJECT_INFO,  PTP_GET_OBJECT,
+                                          PTP_DELETE_OBJECT,      PTP_INITIATE_CAPTURE, PTP_GET_PROPERTY_DESCRIPTION,
+                                          PTP_GET_PROPERTY,       PTP_SET_PROPERTY,     PTP_GET_PARTIAL_OBJECT};
     static const uint16_t events[] = {PTP_OBJECT_ADDED, PTP_CAPTURE_COMPLETE};
     static const uint16_t pictures[] = {FORMAT_DNG, FORMAT_JPEG};
     uint16_t properties[PTPIP_PROPERTIES_MAX];
