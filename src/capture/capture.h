@@ -27,7 +27,7 @@
 enum {
     CAPTURE_FRAMES_MAX = BRACE_BRACKET_MAX,
     CAPTURE_STEPS_MAX = CAPTURE_FRAMES_MAX + 1, /* and the truth */
-    CAPTURE_AVERAGE_MAX = 64                    /* shots that one truth is averaged of */
+    CAPTURE_AVERAGE_MAX = 16                    /* shots that one truth is averaged of */
 };
 
 typedef struct capture_step {
@@ -69,6 +69,9 @@ double capture_step_ev(const capture_plan *plan, size_t step);  /* time x ISO ag
 double capture_plan_seconds(const capture_plan *plan, const capture_limits *limits); /* at least, without transfers */
 size_t capture_plan_shots(const capture_plan *plan);            /* exposures, those to be averaged counted each */
 
+/* Numbers the steps and finds the reference; plan.steps and plan.count are set. */
+void capture_plan_number(capture_plan *plan);
+
 /* "frame_3" or "gt"; parts of an average are "gt_1", ... in a folder of their own. `out` holds 32 bytes. */
 const char *capture_step_name(char out[32], const capture_step *step);
 
@@ -86,7 +89,8 @@ typedef struct capture_probe {
     char name[64];          /* for messages */
     double exposure, iso;   /* what it should be */
     double light;           /* relative signal that it should have: exposure * iso / f-number^2 */
-    brace_frame *sample;    /* at most about 200,000 blocks of 2x2; owned */
+    uint32_t width, height; /* of the frame */
+    brace_frame *sample;    /* at most about 200,000 blocks of 2x2, with the frame's levels, camera and shot data; owned */
     double clipped;         /* share of its samples at white */
     int tries;              /* how often this one has been shot */
 } capture_probe;
@@ -113,7 +117,7 @@ typedef struct capture_comparison {
 } capture_comparison;
 capture_comparison capture_compare(const capture_probe *a, const capture_probe *b);
 
-/* Looks for the frames that lie among `count` probes (at most 20): those outside the largest set that agrees with itself.
+/* Looks for the frames that lie among `count` probes (at most 32): those outside the largest set that agrees with itself.
  * Of two that contradict each other with nobody to decide, the one that was shot fewer times, then the
  * later. Returns its index, or -1; `why` says what is wrong with it. */
 int capture_find_liar(const capture_probe *probes, size_t count, char *why, size_t size);
@@ -135,10 +139,11 @@ void capture_average_destroy(capture_average *average);
 /* ---- sequence.c ---- */
 
 #define CAPTURE_FORMAT "brace-capture-1"
-#define CAPTURE_SEQUENCE_LIMIT ((size_t)1 << 20)
 
 /* One file of a sequence. */
 typedef struct capture_shot {
+    size_t step;             /* of the plan */
+    int part;                /* 1, 2, ... of a step that has several shots; 0: of one */
     bool done;
     int tries;               /* exposures that it took */
     char file[64];           /* inside the folder: "frame_3.dng", "parts/gt_2.dng" */
@@ -165,10 +170,6 @@ typedef struct capture_sequence {
     double readout, f_number;
     capture_plan plan;
     size_t shot_count;
-    struct {
-        size_t step;
-        int part; /* from 1; 0: the step has one shot */
-    } place[CAPTURE_SHOTS_MAX];
     capture_shot shots[CAPTURE_SHOTS_MAX]; /* in the order of the plan */
     char truth_file[64];                   /* of an average; "" otherwise */
     uint64_t truth_bytes;
@@ -183,6 +184,8 @@ typedef struct capture_sequence {
 /* Lays the shots of a plan out. */
 void capture_sequence_init(capture_sequence *out, const capture_plan *plan);
 void capture_sequence_free(capture_sequence *sequence);
+/* "frame_3", "gt" or "parts/gt_2": a shot's file without its extension. `out` holds 48 bytes. */
+const char *capture_shot_stem(char out[48], const capture_sequence *sequence, const capture_shot *shot);
 /* Remembers a sentence; beyond CAPTURE_EVENTS_MAX, and when memory ends, it is forgotten. */
 void capture_sequence_event(capture_sequence *sequence, const char *sentence);
 json_t *capture_sequence_json(const capture_sequence *sequence); /* new reference; NULL when memory ends */

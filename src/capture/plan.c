@@ -213,7 +213,10 @@ static void drop_equal(capture_plan *plan, const brace_job *job) {
 }
 
 /* Numbers the frames by exposure and finds the middle one; equal ones in the order of the plan. */
-static void number(capture_plan *plan, size_t frames) {
+void capture_plan_number(capture_plan *plan) {
+    size_t frames = 0;
+    for (size_t i = 0; i < plan->count; i++)
+        frames += !plan->steps[i].truth;
     for (size_t i = 0; i < plan->count; i++) {
         capture_step *s = &plan->steps[i];
         s->number = s->truth ? 0 : 1;
@@ -276,7 +279,7 @@ brace_status capture_plan_create(capture_plan *out, const capture_plan_params *p
                          frames, BRACE_BRACKET_MIN, capture_time_text(a, l->exposure_min),
                          capture_time_text(b, l->exposure_max));
     }
-    number(out, frames);
+    capture_plan_number(out);
     for (size_t i = 0; i < out->count; i++) {
         capture_step *s = &out->steps[i];
         if (s->truth) {

@@ -55,7 +55,6 @@ static void set_limits(sim_body *b) {
     snprintf(l->id, sizeof l->id, "%s", b->sensor.name);
     l->readout = b->sensor.readout;
     l->f_number = b->sensor.f_number;
-    l->interval = b->scene.frame_gap;
     l->exposure_min = 1.0 / 32000, l->exposure_max = 1;
     l->iso_min = b->sensor.iso_base, l->iso_max = fmax(6400, b->sensor.iso_base);
     if (!b->thirds)

@@ -38,7 +38,11 @@ brace_status capture_probe_create(capture_probe *out, const brace_frame *frame, 
     if (status != BRACE_OK)
         return status;
     memcpy(s->black, frame->black, sizeof s->black);
+    memcpy(s->make, frame->make, sizeof s->make);
+    memcpy(s->model, frame->model, sizeof s->model);
     s->white = frame->white;
+    s->exposure_time = frame->exposure_time, s->iso = frame->iso, s->f_number = frame->f_number;
+    out->width = frame->width, out->height = frame->height;
     const double white = 0.975 * (frame->white - frame->black[0]) + frame->black[0];
     size_t clipped = 0;
     for (uint32_t y = 0; y < s->height; y++) {
@@ -95,6 +99,31 @@ static bool identical(const brace_frame *a, const brace_frame *b) {
     return looked >= 64 && same == looked;
 }
 
+/* Frames with too little in common for a ratio can still contradict each other: where the longer one is not clipped, the
+ * shorter one should show something; and it cannot be the brighter of the two. Two stops and more than any flicker
+ * of docs/displays.md makes. */
+static double blackout(const capture_probe *dark, const capture_probe *bright, double expected) {
+    const brace_frame *d = dark->sample, *b = bright->sample;
+    double all[2] = {0, 0}, open[2] = {0, 0};
+    size_t unclipped = 0;
+    if (d->width != b->width || d->height != b->height)
+        return (double)NAN;
+    const size_t count = (size_t)d->width * d->height;
+    for (size_t i = 0; i < count; i++) {
+        const size_t plane = (i / d->width % 2) * 2 + i % d->width % 2;
+        const double x = ((double)d->data[i] - d->black[plane]) / (d->white - d->black[plane]);
+        const double y = ((double)b->data[i] - b->black[plane]) / (b->white - b->black[plane]);
+        all[0] += x, all[1] += y;
+        if (y < 0.85)
+            open[0] += x, open[1] += y, unclipped++;
+    }
+    if (all[0] > 0.004 * (double)count && all[1] < 0.25 * all[0])
+        return log2(fmax(all[0], 1e-6) / fmax(all[1], 1e-6)) - log2(expected);
+    if (unclipped > count / 20 && open[1] * expected > 0.004 * (double)unclipped && open[0] < 0.03 * open[1] * expected)
+        return log2(fmax(open[0], 1e-6 * (double)unclipped) / open[1]) - log2(expected);
+    return (double)NAN;
+}
+
 capture_comparison capture_compare(const capture_probe *a, const capture_probe *b) {
     capture_comparison result = {CAPTURE_UNKNOWN, (double)NAN};
     if (identical(a->sample, b->sample)) {
@@ -106,8 +135,12 @@ capture_comparison capture_compare(const capture_probe *a, const capture_probe *
     const capture_probe *dark = swapped ? b : a, *bright = swapped ? a : b;
     const double expected = dark->light / bright->light;
     const raw_ratio r = raw_measure_ratio(dark->sample, bright->sample);
-    if (!(r.ratio > 0))
+    if (!(r.ratio > 0)) {
+        const double off = blackout(dark, bright, expected);
+        result.ev = swapped ? -off : off;
+        result.verdict = isnan(off) ? CAPTURE_UNKNOWN : CAPTURE_DISAGREE;
         return result;
+    }
     const double off = log2(r.ratio / expected), slack = exp2(CAPTURE_PIXELS_EV / 2);
     result.ev = swapped ? -off : off;
     result.verdict = fabs(off) <= CAPTURE_PIXELS_EV || (expected >= r.low / slack && expected <= r.high * slack)
@@ -118,7 +151,7 @@ capture_comparison capture_compare(const capture_probe *a, const capture_probe *
 
 /* ---- who lies ---- */
 
-enum { MOST = 20 };
+enum { MOST = 32 };
 
 /* The largest set without contradictions; of several the one whose members were shot more often, then the earlier. */
 typedef struct search {
@@ -135,6 +168,8 @@ static void grow(search *s, uint32_t set, size_t next, long worth) {
             s->best = set, s->best_worth = worth;
         return;
     }
+    if (worth + (long)(s->count - next) * 1040000 <= s->best_worth)
+        return; /* all of the rest would not make it the best */
     if ((s->enemies[next] & set) == 0) {
         /* Members count most, then how often they were shot, then how early. */
         const int tries = s->probes[next].tries < 30 ? s->probes[next].tries : 30;
