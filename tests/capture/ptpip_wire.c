@@ -3,6 +3,8 @@
 #include "ptpip_wire.h"
 
 #include <errno.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
 #include <poll.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -110,6 +112,8 @@ static bool receive(int fd, void *data, size_t size) {
             return false;
         }
         const ssize_t n = recv(fd, p, size, MSG_DONTWAIT);
+        /* The library writes small pieces, and sends the next one when the last is acknowledged. */
+        setsockopt(fd, IPPROTO_TCP, TCP_QUICKACK, &(int){1}, sizeof(int));
         if (n > 0) {
             p += n;
             size -= (size_t)n;
