@@ -24,7 +24,7 @@ typedef struct gphoto2_camera {
     gphoto2_settings settings;
     capture_stops exposures, isos;
     char shutter_name[16], iso_name[16]; /* of the settings */
-    bool delete;    /* those on the card, too */
+    bool delete;                         /* those on the card, too */
 } gphoto2_camera;
 
 /* ---- list ---- */
@@ -123,7 +123,7 @@ static brace_status prepare(gphoto2_camera *camera, brace_error *error) {
         brace_error problem;
         brace_status status = BRACE_ERROR_UNSUPPORTED;
         if (can) {
-            status = gphoto2_change(s, &camera->settings, name, text, OPEN_PATIENCE, NULL, &problem);
+            status = gphoto2_change(s, &camera->settings, name, text, false, OPEN_PATIENCE, NULL, &problem);
         }
         if (status == BRACE_ERROR_CANCELLED || s->gone) {
             return core_fail(error, status, "%s", problem.message);
@@ -159,7 +159,8 @@ static brace_status choose_raw(gphoto2_camera *camera, brace_error *error) {
         }
         gp_widget_free(widget);
         if (best[0] != '\0') {
-            brace_status status = gphoto2_change(s, &camera->settings, names[i], best, OPEN_PATIENCE, NULL, error);
+            brace_status status =
+                gphoto2_change(s, &camera->settings, names[i], best, false, OPEN_PATIENCE, NULL, error);
             if (status != BRACE_OK) {
                 return status;
             }
@@ -360,7 +361,9 @@ static brace_status release(gphoto2_camera *camera, double exposure, picture *p,
     }
     if (n == GP_ERROR_NOT_SUPPORTED) {
         CameraFilePath path;
-        GPHOTO2_CALL(s, n, gp_camera_capture(s->camera, GP_CAPTURE_IMAGE, &path, s->context));
+        gphoto2_begin_endless(s);
+        n = gp_camera_capture(s->camera, GP_CAPTURE_IMAGE, &path, s->context);
+        gphoto2_end(s);
         if (n >= 0) {
             see(p, &path);
         }
@@ -479,8 +482,8 @@ static brace_status store(gphoto2_camera *camera, const CameraFilePath *path, Ca
     return core_file_commit_unsynced(f, error);
 }
 
-/* Pictures that a camera holds in its memory are shown in the root folder; there the next one needs their room. Those on
- * a card are the photographer's. */
+/* Pictures that a camera holds in its memory are shown in the root folder; there the next one needs their room. Those
+ * on a card are the photographer's. */
 static void remove_from_camera(gphoto2_camera *camera, const CameraFilePath *path) {
     if (camera->delete || strcmp(path->folder, "/") == 0) {
         gphoto2_session *s = &camera->session;
@@ -513,9 +516,9 @@ static brace_status gphoto2_shoot(capture_camera *base, double exposure, double 
         iso = round(iso);
         snprintf(speed, sizeof speed, "%.0f", iso);
     }
-    brace_status status = gphoto2_change(s, &camera->settings, camera->iso_name, speed, 0, &out->trouble, error);
+    brace_status status = gphoto2_change(s, &camera->settings, camera->iso_name, speed, true, 0, &out->trouble, error);
     if (status == BRACE_OK) {
-        status = gphoto2_change(s, &camera->settings, camera->shutter_name, camera->exposures.texts[stop], 0,
+        status = gphoto2_change(s, &camera->settings, camera->shutter_name, camera->exposures.texts[stop], true, 0,
                                 &out->trouble, error);
     }
     if (status != BRACE_OK) {

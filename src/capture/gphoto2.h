@@ -34,8 +34,10 @@ typedef struct gphoto2_session {
 } gphoto2_session;
 
 /* Every call of the library that talks to a device stands between these two: a connection that the device has closed
- * is an error there, not a signal (SIGPIPE) here. `said` begins anew. */
+ * is an error there, not a signal (SIGPIPE) here, and other signals (Ctrl-C) come when the call is done. One that may
+ * never end begins with the other. `said` begins anew. */
 void gphoto2_begin(gphoto2_session *session);
+void gphoto2_begin_endless(gphoto2_session *session);
 void gphoto2_end(gphoto2_session *session);
 #define GPHOTO2_CALL(session, result, call)                                                                            \
     do {                                                                                                               \
@@ -87,11 +89,12 @@ typedef struct gphoto2_settings {
     } items[GPHOTO2_SETTINGS_MAX];
 } gphoto2_settings;
 
-/* Sets `name` to `text`, waits until the camera shows it, and remembers what it was the first time. A device that is
- * busy is asked again for `patience` seconds; one that takes the value and keeps the old one is told again for two.
- * `trouble` may be NULL. */
+/* Sets `name` to `text`, waits until the camera shows it, and remembers what it was the first time. Without `always`
+ * a setting that shows this text already is left alone; with it the camera is told again, in case it only shows it. A
+ * device that is busy is asked again for `patience` seconds; one that takes the value and keeps the old one is told
+ * again for two. `trouble` may be NULL. */
 brace_status gphoto2_change(gphoto2_session *session, gphoto2_settings *settings, const char *name, const char *text,
-                            double patience, capture_trouble *trouble, brace_error *error);
+                            bool always, double patience, capture_trouble *trouble, brace_error *error);
 
 /* Puts all back, the last changed first. What could not be is told in a note; of a device that is gone it is kept for
  * the next time that the port is opened. */

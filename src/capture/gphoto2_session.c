@@ -11,18 +11,34 @@
 
 #include "capture/gphoto2.h"
 
-/* ---- a broken connection is no signal ---- */
+/* ---- signals ---- */
 
-/* The library's PTP/IP driver writes to its socket with write(), which raises SIGPIPE if the camera is gone. */
-void gphoto2_begin(gphoto2_session *session) {
-    sigset_t pipe, pending;
-    sigemptyset(&pipe);
-    sigaddset(&pipe, SIGPIPE);
+/* The library's PTP/IP driver writes to its socket with write(), which raises SIGPIPE if the camera is gone, and takes
+ * a wait that a signal has interrupted for a connection that has failed. */
+static void hold(gphoto2_session *session, const sigset_t *held) {
+    sigset_t pending;
     sigemptyset(&pending);
     sigpending(&pending);
     session->piped = sigismember(&pending, SIGPIPE) == 1;
-    pthread_sigmask(SIG_BLOCK, &pipe, &session->mask);
+    pthread_sigmask(SIG_BLOCK, held, &session->mask);
     session->said[0] = '\0';
+}
+
+void gphoto2_begin(gphoto2_session *session) {
+    static const int faults[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGTRAP, SIGSYS};
+    sigset_t held;
+    sigfillset(&held);
+    for (size_t i = 0; i < sizeof faults / sizeof faults[0]; i++) {
+        sigdelset(&held, faults[i]);
+    }
+    hold(session, &held);
+}
+
+void gphoto2_begin_endless(gphoto2_session *session) {
+    sigset_t held;
+    sigemptyset(&held);
+    sigaddset(&held, SIGPIPE);
+    hold(session, &held);
 }
 
 void gphoto2_end(gphoto2_session *session) {

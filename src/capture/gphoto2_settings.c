@@ -140,7 +140,7 @@ static brace_status set(gphoto2_session *session, const char *name, const char *
 }
 
 brace_status gphoto2_change(gphoto2_session *session, gphoto2_settings *settings, const char *name, const char *text,
-                            double patience, capture_trouble *trouble, brace_error *error) {
+                            bool always, double patience, capture_trouble *trouble, brace_error *error) {
     capture_trouble kind = CAPTURE_TROUBLE_FINAL;
     char now[GPHOTO2_TEXT];
     const bool known = gphoto2_read(session, name, now);
@@ -154,7 +154,7 @@ brace_status gphoto2_change(gphoto2_session *session, gphoto2_settings *settings
         settings->count++;
     }
     brace_status status = BRACE_OK;
-    if (!known || !same(now, text)) {
+    if (always || !known || !same(now, text)) {
         status = set(session, name, text, patience, &kind, error);
     }
     if (trouble != NULL) {
@@ -200,7 +200,8 @@ void gphoto2_restore(gphoto2_session *session, gphoto2_settings *settings) {
         const char *name = settings->items[i].name, *original = settings->items[i].original;
         capture_trouble trouble = CAPTURE_TROUBLE_GONE;
         brace_error error;
-        if (!session->gone && gphoto2_change(session, settings, name, original, 3, &trouble, &error) == BRACE_OK) {
+        if (!session->gone &&
+            gphoto2_change(session, settings, name, original, false, 3, &trouble, &error) == BRACE_OK) {
             continue;
         }
         left.items[left.count++] = settings->items[i];

@@ -17,6 +17,7 @@
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/time.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -486,6 +487,39 @@ static void keeps_descriptors(void **state) {
     }
 }
 
+static volatile sig_atomic_t rings;
+static void ring(int number) {
+    (void)number;
+    rings++;
+}
+
+/* Signals that the program handles don't break a connection. */
+static void is_not_disturbed_by_signals(void **state) {
+    (void)state;
+    bench b;
+    const brace_job job = a_job();
+    struct sigaction before, action = {.sa_handler = ring, .sa_flags = SA_RESTART};
+    const struct itimerval fast = {{0, 3000}, {0, 3000}}, off = {{0, 0}, {0, 0}};
+    sigaction(SIGALRM, &action, &before);
+    begin(&b, (ptpip_params){0});
+    setitimer(ITIMER_REAL, &fast, NULL);
+    must_open(&b, &job);
+    for (int i = 0; i < 4; i++) {
+        capture_shot_report report;
+        brace_error error;
+        if (shoot(&b, i % 2 == 0 ? 0.016 : 0.004, 100, &report, &job, &error) != BRACE_OK)
+            fail_msg("%s", error.message);
+    }
+    close_camera(&b, &job);
+    setitimer(ITIMER_REAL, &off, NULL);
+    sigaction(SIGALRM, &before, NULL);
+    assert_true(rings > 10);
+    assert_int_equal(ptpip_camera_tally(b.device).connections, 1);
+    assert_true(ptpip_camera_tally(b.device).restored);
+    clear();
+    end(&b);
+}
+
 static void *cancel_soon(void *arg) {
     (void)arg;
     nanosleep(&(struct timespec){0, 300000000}, NULL);
@@ -639,6 +673,7 @@ int main(void) {
         cmocka_unit_test(names_what_cannot_be),
         cmocka_unit_test(says_what_is_wrong_with_an_address),
         cmocka_unit_test(keeps_descriptors),
+        cmocka_unit_test(is_not_disturbed_by_signals),
         cmocka_unit_test(stops_when_told_and_puts_back),
         cmocka_unit_test(says_what_a_camera_that_is_gone_keeps),
         cmocka_unit_test(has_no_room),
