@@ -10,13 +10,18 @@
 
 #include "fuzz.h"
 
-static void check(const char *line, bool (*parse)(const char *, double *), double low, double high,
-                  capture_stops *stops) {
-    double value, again;
+typedef bool parser(const char *text, double *value);
+
+static void take(capture_stops *stops, const char *line, parser *parse, double low, double high) {
+    double value;
     if (parse(line, &value) && !(value >= low && value <= high)) {
         abort();
     }
     capture_stops_add(stops, line, parse);
+}
+
+static void check(const capture_stops *stops, parser *parse) {
+    double again;
     for (size_t i = 0; i < stops->count; i++) {
         if ((i > 0 && !(stops->values[i] > stops->values[i - 1])) || !parse(stops->texts[i], &again) ||
             again < stops->values[i] || again > stops->values[i]) {
@@ -38,9 +43,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         }
         memcpy(line, data, n);
         line[n] = '\0';
-        check(line, capture_choice_exposure, 1e-6, 86400, &exposures);
-        check(line, capture_choice_iso, 1, 1e7, &isos);
-        check(line, capture_choice_aperture, 0.5, 128, &apertures);
+        take(&exposures, line, capture_choice_exposure, 1e-6, 86400);
+        take(&isos, line, capture_choice_iso, 1, 1e7);
+        take(&apertures, line, capture_choice_aperture, 0.5, 128);
         const int rank = capture_choice_raw(line);
         if (rank < 0 || rank > 4 || (capture_name_is_raw(line, extension) && extension[0] == '\0')) {
             abort();
@@ -49,5 +54,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         data += n + (end != NULL);
         size -= n + (end != NULL);
     }
+    check(&exposures, capture_choice_exposure);
+    check(&isos, capture_choice_iso);
+    check(&apertures, capture_choice_aperture);
     return 0;
 }
