@@ -13,8 +13,8 @@
 #include "capture/gphoto2.h"
 
 #define FILE_MOST ((uint64_t)1 << 30) /* bytes: no RAW file of one shot is larger */
-#define OPEN_PATIENCE 5.0             /* seconds for a setting of a busy device while it is prepared */
-#define PICTURE_PATIENCE 20.0         /* seconds after the exposure in which its file has to appear */
+#define OPEN_PATIENCE 10.0            /* seconds for all settings of a busy device while it is prepared */
+#define PICTURE_PATIENCE 15.0         /* seconds after the exposure in which its file has to appear */
 #define COMPANION_PATIENCE 2.0        /* seconds that a JPEG may be ahead of the RAW file of the same shot */
 #define DOWNLOAD_PATIENCE 8.0         /* seconds for a device that is busy when its file is fetched */
 
@@ -103,6 +103,7 @@ static bool offered(CameraWidget *widget, const char *const *wanted, char text[G
 
 static brace_status prepare(gphoto2_camera *camera, brace_error *error) {
     gphoto2_session *s = &camera->session;
+    const double end = core_seconds() + OPEN_PATIENCE;
     for (size_t i = 0; i < sizeof preparations / sizeof preparations[0]; i++) {
         const char *name = preparations[i].name, *const *wanted = preparations[i].wanted;
         CameraWidget *widget = gphoto2_widget(s, name);
@@ -123,7 +124,7 @@ static brace_status prepare(gphoto2_camera *camera, brace_error *error) {
         brace_error problem;
         brace_status status = BRACE_ERROR_UNSUPPORTED;
         if (can) {
-            status = gphoto2_change(s, &camera->settings, name, text, false, OPEN_PATIENCE, NULL, &problem);
+            status = gphoto2_change(s, &camera->settings, name, text, false, end - core_seconds(), NULL, &problem);
         }
         if (status == BRACE_ERROR_CANCELLED || s->gone) {
             return core_fail(error, status, "%s", problem.message);
@@ -204,6 +205,30 @@ static bool find_stops(gphoto2_camera *camera, const char *const *names, char na
     return false;
 }
 
+/* The same, or the reason why not. */
+static brace_status must_find(gphoto2_camera *camera, const char *const *names, const char *what, const char *remedy,
+                              char name[16], capture_stops *stops, bool (*parse)(const char *, double *),
+                              double range[2], brace_error *error) {
+    gphoto2_session *s = &camera->session;
+    bool readonly = false;
+    /* The driver makes no difference between a setting that is not there and one that a busy or lost device does not
+     * describe. */
+    for (int i = 0; i < 4; i++) {
+        if (find_stops(camera, names, name, stops, parse, range, &readonly)) {
+            return BRACE_OK;
+        }
+        if (gphoto2_trouble(s, GP_ERROR) == CAPTURE_TROUBLE_GONE) {
+            return gphoto2_fail(s, GP_ERROR_IO, NULL, error, "reading the choices of %s", what);
+        }
+        brace_status status = readonly ? BRACE_OK : capture_wait(0.2, s->job, error);
+        if (status != BRACE_OK) {
+            return status;
+        }
+    }
+    return core_fail(error, BRACE_ERROR_UNSUPPORTED, "%s: the camera does not let the computer set its %s%s%s", s->port,
+                     what, readonly ? " as it stands: " : "", readonly ? remedy : "");
+}
+
 static brace_status fill_limits(gphoto2_camera *camera, brace_error *error) {
     gphoto2_session *s = &camera->session;
     capture_limits *limits = &camera->base.limits;
@@ -211,19 +236,14 @@ static brace_status fill_limits(gphoto2_camera *camera, brace_error *error) {
     static const char *const shutters[] = {"shutterspeed2", "shutterspeed", "exptime", NULL};
     static const char *const speeds[] = {"iso", "isospeed", NULL};
     double range[2] = {0, 0};
-    bool readonly;
-    if (!find_stops(camera, shutters, camera->shutter_name, &camera->exposures, capture_choice_exposure, NULL,
-                    &readonly)) {
-        return s->gone ? gphoto2_fail(s, GP_ERROR_IO, NULL, error, "reading the shutter's choices")
-                       : core_fail(error, BRACE_ERROR_UNSUPPORTED,
-                                   "%s: the camera does not let the computer set its shutter%s", s->port,
-                                   readonly ? " as it stands: turn its mode dial to M" : "");
+    brace_status status = must_find(camera, shutters, "shutter", "turn its mode dial to M", camera->shutter_name,
+                                    &camera->exposures, capture_choice_exposure, NULL, error);
+    if (status == BRACE_OK) {
+        status = must_find(camera, speeds, "ISO", "switch automatic ISO off", camera->iso_name, &camera->isos,
+                           capture_choice_iso, range, error);
     }
-    if (!find_stops(camera, speeds, camera->iso_name, &camera->isos, capture_choice_iso, range, &readonly)) {
-        return s->gone
-                   ? gphoto2_fail(s, GP_ERROR_IO, NULL, error, "reading the choices of ISO")
-                   : core_fail(error, BRACE_ERROR_UNSUPPORTED, "%s: the camera does not let the computer set its ISO%s",
-                               s->port, readonly ? " as it stands: switch automatic ISO off" : "");
+    if (status != BRACE_OK) {
+        return status;
     }
     limits->exposure_count = camera->exposures.count;
     memcpy(limits->exposures, camera->exposures.values, camera->exposures.count * sizeof limits->exposures[0]);
@@ -250,7 +270,10 @@ static brace_status fill_limits(gphoto2_camera *camera, brace_error *error) {
     snprintf(limits->model, sizeof limits->model, "%s", text);
     gphoto2_read(s, "serialnumber", text);
     snprintf(limits->id, sizeof limits->id, "%s", text[0] != '\0' ? text : s->port);
-    return BRACE_OK;
+    /* What is not said may be nothing worse than that. */
+    return gphoto2_trouble(s, GP_ERROR) == CAPTURE_TROUBLE_GONE
+               ? gphoto2_fail(s, GP_ERROR_IO, NULL, error, "reading the camera's name")
+               : BRACE_OK;
 }
 
 static void gphoto2_close_camera(capture_camera *base, const brace_job *job) {
@@ -377,7 +400,7 @@ static brace_status release(gphoto2_camera *camera, double exposure, picture *p,
         return status;
     }
     const double start = core_seconds();
-    double end = start + exposure + PICTURE_PATIENCE;
+    double end = start + 2 * exposure + PICTURE_PATIENCE; /* twice: many take a dark frame to subtract */
     bool ending = false;
     while (!p->has_raw && core_seconds() < end) {
         brace_status status = core_check_cancel(s->job, error);

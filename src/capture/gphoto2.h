@@ -25,7 +25,8 @@ typedef struct gphoto2_session {
     GPContext *context;
     Camera *camera;
     const brace_job *job; /* of the call that is going on: for the library's messages, and to stop it */
-    char port[128];       /* as it was opened; also the name in messages */
+    char asked[128];      /* the port that was asked for; "usb:" if none was */
+    char port[128];       /* the one that was found; also the name in messages */
     char driver[128];     /* the library's name of the camera or of its kind */
     char said[512];       /* errors that the library told since gphoto2_begin */
     sigset_t mask;        /* of signals, between gphoto2_begin and gphoto2_end */
@@ -100,7 +101,7 @@ brace_status gphoto2_change(gphoto2_session *session, gphoto2_settings *settings
  * the next time that the port is opened. */
 void gphoto2_restore(gphoto2_session *session, gphoto2_settings *settings);
 
-/* What a device that was gone then is still owed. */
+/* What the device at this port is still owed. */
 void gphoto2_adopt(const gphoto2_session *session, gphoto2_settings *settings);
 
 #endif

@@ -241,7 +241,8 @@ brace_status gphoto2_open(gphoto2_session *session, const char *port, const char
         (strlen(port) >= sizeof session->port || (model != NULL && strlen(model) >= sizeof session->driver))) {
         return core_fail(error, BRACE_ERROR_ARGUMENT, "the camera's port or model is too long");
     }
-    snprintf(session->port, sizeof session->port, "%s", port != NULL ? port : "usb:");
+    snprintf(session->asked, sizeof session->asked, "%s", port != NULL ? port : "usb:");
+    snprintf(session->port, sizeof session->port, "%s", session->asked);
     brace_status status = BRACE_OK;
     if (model != NULL) {
         snprintf(session->driver, sizeof session->driver, "%s", model);

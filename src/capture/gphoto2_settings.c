@@ -185,7 +185,7 @@ static void owe(const char *port, const gphoto2_settings *settings) {
 void gphoto2_adopt(const gphoto2_session *session, gphoto2_settings *settings) {
     pthread_mutex_lock(&owed_mutex);
     for (size_t i = 0; i < sizeof owed / sizeof owed[0]; i++) {
-        if (strcmp(owed[i].port, session->port) == 0) {
+        if (strcmp(owed[i].port, session->asked) == 0) {
             *settings = owed[i].settings;
             owed[i].port[0] = '\0';
         }
@@ -218,7 +218,7 @@ void gphoto2_restore(gphoto2_session *session, gphoto2_settings *settings) {
         for (size_t i = 0; i < left.count; i++) {
             turned.items[i] = left.items[left.count - 1 - i];
         }
-        owe(session->port, &turned);
+        owe(session->asked, &turned);
     }
     settings->count = 0;
 }

@@ -44,6 +44,8 @@ static const char *const fault_names[PTPIP_FAULT_COUNT] = {
     [PTPIP_FAULT_BUSY_SET] = "busy-set",
     [PTPIP_FAULT_BUSY_SHOOT] = "busy-shoot",
     [PTPIP_FAULT_BUSY_DOWNLOAD] = "busy-download",
+    [PTPIP_FAULT_BUSY_READ] = "busy-read",
+    [PTPIP_FAULT_DROP_READ] = "drop-read",
     [PTPIP_FAULT_DROP_SET] = "drop-set",
     [PTPIP_FAULT_DROP_SHOOT] = "drop-shoot",
     [PTPIP_FAULT_DROP_EXPOSE] = "drop-expose",
@@ -390,6 +392,10 @@ static void send_picture(ptpip_camera *camera, uint32_t handle, size_t offset, s
     }
 }
 
+static bool is_light(const ptpip_property *p) {
+    return p->code == PTP_EXPOSURE_TIME || p->code == PTP_EXPOSURE_INDEX || p->code == PTP_MAKER_EXPOSURE;
+}
+
 static void set_property(ptpip_camera *camera, const request *q, double *exposure, double *iso) {
     ptpip_property *p = ptpip_device_property(&camera->device, q->parameters[0]);
     camera->tally.sets++;
@@ -397,7 +403,7 @@ static void set_property(ptpip_camera *camera, const request *q, double *exposur
         respond(camera, PTP_PROPERTY_NOT_SUPPORTED, 0, 0);
         return;
     }
-    const bool light = p->code == PTP_EXPOSURE_TIME || p->code == PTP_EXPOSURE_INDEX || p->code == PTP_MAKER_EXPOSURE;
+    const bool light = is_light(p);
     if (light && strikes(camera, PTPIP_FAULT_BUSY_SET)) {
         respond(camera, PTP_DEVICE_BUSY, 0, 0);
         return;
@@ -502,6 +508,16 @@ static void obey(ptpip_camera *camera, const request *q, double *exposure, doubl
         if (property == NULL) {
             respond(camera, PTP_PROPERTY_NOT_SUPPORTED, 0, 0);
             break;
+        }
+        if (q->code == PTP_GET_PROPERTY_DESCRIPTION) {
+            if (strikes(camera, PTPIP_FAULT_DROP_READ)) {
+                drop(camera);
+                break;
+            }
+            if (is_light(property) && strikes(camera, PTPIP_FAULT_BUSY_READ)) {
+                respond(camera, PTP_DEVICE_BUSY, 0, 0);
+                break;
+            }
         }
         if (q->code == PTP_GET_PROPERTY) {
             ptpip_write_value(&w, property, property->value);

@@ -19,6 +19,8 @@ typedef enum ptpip_fault_kind {
     PTPIP_FAULT_BUSY_SET,      /* Device Busy to SetDevicePropValue of exposure or ISO */
     PTPIP_FAULT_BUSY_SHOOT,    /* Device Busy to InitiateCapture */
     PTPIP_FAULT_BUSY_DOWNLOAD, /* Device Busy to GetObject and GetPartialObject */
+    PTPIP_FAULT_BUSY_READ,     /* Device Busy to GetDevicePropDesc of exposure or ISO */
+    PTPIP_FAULT_DROP_READ,     /* the connection ends instead of an answer to GetDevicePropDesc */
     PTPIP_FAULT_DROP_SET,      /* the connection ends instead of an answer to SetDevicePropValue */
     PTPIP_FAULT_DROP_SHOOT,    /* the connection ends instead of an answer to InitiateCapture */
     PTPIP_FAULT_DROP_EXPOSE,   /* the connection ends after the answer, before the picture is there */

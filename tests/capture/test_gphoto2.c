@@ -316,6 +316,8 @@ static const mishap mishaps[] = {
     {"busy-set@2x3", SURVIVED, CAPTURE_TROUBLE_BUSY, "Busy"},
     {"busy-shoot@1x3", SURVIVED, CAPTURE_TROUBLE_BUSY, "Busy"},
     {"busy-download@1x2", SURVIVED, CAPTURE_TROUBLE_BUSY, NULL},
+    {"busy-read@1x1", SURVIVED, CAPTURE_TROUBLE_BUSY, NULL},
+    {"busy-read@2x2", SURVIVED, CAPTURE_TROUBLE_BUSY, NULL},
     {"drop-set@1x1", SURVIVED, CAPTURE_TROUBLE_GONE, "gone"},
     {"drop-set@3x1", SURVIVED, CAPTURE_TROUBLE_GONE, "gone"},
     {"drop-shoot@1x1", SURVIVED, CAPTURE_TROUBLE_GONE, "gone"},
@@ -549,6 +551,34 @@ static void stops_when_told_and_puts_back(void **state) {
     end(&b);
 }
 
+/* A connection that ends while the camera is being prepared: an error that says so, and the next one finds all as
+ * it was. */
+static void is_lost_while_opening(void **state) {
+    (void)state;
+    static const unsigned moments[] = {1, 2, 4, 7, 10, 13, 16};
+    int failed = 0;
+    for (size_t i = 0; i < sizeof moments / sizeof moments[0]; i++) {
+        bench b;
+        const brace_job job = a_job();
+        const ptpip_fault fault = {PTPIP_FAULT_DROP_READ, moments[i], 1};
+        brace_error error = {.message = ""};
+        begin(&b, (ptpip_params){.faults = &fault, .fault_count = 1});
+        if (open_camera(&b, &job, &error) != BRACE_OK) {
+            failed++;
+            assert_int_equal(error.status, BRACE_ERROR_IO);
+            if (strstr(error.message, "gone") == NULL)
+                fail_msg("%u: %s", moments[i], error.message);
+            must_open(&b, &job);
+        }
+        close_camera(&b, &job);
+        assert_int_equal(ptpip_camera_tally(b.device).faults, 1);
+        if (!ptpip_camera_tally(b.device).restored)
+            fail_msg("%u: not put back: %s", moments[i], notes);
+        end(&b);
+    }
+    assert_true(failed >= 4);
+}
+
 static void says_what_a_camera_that_is_gone_keeps(void **state) {
     (void)state;
     bench b;
@@ -675,6 +705,7 @@ int main(void) {
         cmocka_unit_test(keeps_descriptors),
         cmocka_unit_test(is_not_disturbed_by_signals),
         cmocka_unit_test(stops_when_told_and_puts_back),
+        cmocka_unit_test(is_lost_while_opening),
         cmocka_unit_test(says_what_a_camera_that_is_gone_keeps),
         cmocka_unit_test(has_no_room),
         cmocka_unit_test(survives_or_says),
