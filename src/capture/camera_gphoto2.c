@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * camera_gphoto2.c: the back end for tethered cameras, on USB or on the network,
- * through libgphoto2. The shutter is released and the file that appears is
- * fetched; the camera's own releasing call is used only where there is no other, because it waits
- * without end for a picture that does not come.
+ * through libgphoto2. The shutter is released, and the file that appears is
+ * fetched. The library's call that does both is used only where there is no
+ * other way, because it waits without end for a picture that does not come.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -24,7 +24,7 @@ typedef struct gphoto2_camera {
     gphoto2_settings settings;
     capture_stops exposures, isos;
     char shutter_name[16], iso_name[16]; /* of the settings */
-    bool delete;                         /* those on the card, too */
+    bool delete;                         /* pictures from the card, once they are here */
 } gphoto2_camera;
 
 /* ---- list ---- */
