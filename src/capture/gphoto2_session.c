@@ -145,7 +145,7 @@ brace_status gphoto2_fail(gphoto2_session *session, int result, capture_trouble 
     }
     return core_fail(error, result == GP_ERROR_NO_MEMORY ? BRACE_ERROR_MEMORY : BRACE_ERROR_IO, "%s: %s: %s%s",
                      session->port, what, session->said[0] != '\0' ? session->said : gp_result_as_string(result),
-                     kind == CAPTURE_TROUBLE_GONE ? " (the camera is gone)" : "");
+                     kind == CAPTURE_TROUBLE_GONE && session->camera != NULL ? " (the camera is gone)" : "");
 }
 
 /* ---- opening ---- */

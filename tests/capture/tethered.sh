@@ -3,8 +3,8 @@
 # A tethered camera from beginning to end: brace capture with the real libgphoto2
 # over PTP/IP, the test camera in front of a simulated display, brace restore.
 # Arguments: those of lib.sh, and the test camera.
+ptpip=$(realpath "$4")
 source "$(dirname "$0")/../cli/lib.sh"
-ptpip=$(realpath "$4" 2>/dev/null)
 if [ ! -x "$ptpip" ]; then
     run 2 capture run -o none --camera gphoto2:ptpip:127.0.0.1:1
     says 'made without libgphoto2'
