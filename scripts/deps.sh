@@ -13,6 +13,7 @@ packages=(
     libraw-dev libtiff-dev libpng-dev libjpeg-dev libwebp-dev libjansson-dev zlib1g-dev libkissfft-dev
     libdnnl-dev # convolutions and products in f32
     libopenmpi-dev openmpi-bin # training by several processes
+    libgphoto2-dev # tethered cameras
     # tests: cmocka, and other people's DNG readers to check ours against
     libcmocka-dev libimage-exiftool-perl dcraw libraw-bin
 )
