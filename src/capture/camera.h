@@ -101,6 +101,8 @@ typedef struct capture_address {
     const char *const *options; /* "NAME=VALUE" of `--option`; a name that the back end does not know is an error that
                                  * lists those that it does (capture_option_unknown says it) */
     size_t option_count;
+    uint64_t shots; /* calls of shoot that the sequence made before: not 0 for a camera that is opened again. The
+                     * simulated camera's time and faults go on from there; others need not look at it */
 } capture_address;
 
 /* One device that `list` found. */

@@ -43,6 +43,9 @@ typedef struct restore_motion {
     double confidence; /* correlation of the flicker-free features, 0 to 1 */
 } restore_motion;
 
+/* restore.c: in pixels of the mosaic, as reports have it; `width` of the packed picture. */
+brace_motion restore_motion_report(const restore_motion *motion, size_t width);
+
 /* pack.c */
 brace_status restore_picture_create(restore_picture *out, size_t width, size_t height, const char *what,
                                     brace_error *error);

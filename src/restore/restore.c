@@ -29,25 +29,17 @@ void brace_restored_destroy(brace_restored *restored) {
     core_free(restored);
 }
 
-/* In pixels of the mosaic, for the report. */
-static brace_motion motion_report(const restore_motion *m) {
-    double farthest = 0;
+brace_motion restore_motion_report(const restore_motion *m, size_t width) {
+    double farthest = 0, half = 0.5 * (double)width; /* u and v are normalised by it */
     for (int i = 0; i < m->columns * m->rows; i++)
         farthest = fmax(farthest, hypot(m->dx[i], m->dy[i]));
+    double xx = 1 + m->a[1] / half, xy = m->a[2] / half, yx = m->a[4] / half, yy = 1 + m->a[5] / half;
     return (brace_motion){.dx = 2 * m->a[0],
                           .dy = 2 * m->a[3],
                           .local = 2 * farthest,
                           .confidence = m->confidence,
-                          .rotation = 0,
-                          .scale = 1};
-}
-
-/* Rotation and scale need the width that u and v were normalised by. */
-static void motion_shape(brace_motion *out, const restore_motion *m, size_t width) {
-    double half = 0.5 * (double)width;
-    double xx = 1 + m->a[1] / half, xy = m->a[2] / half, yx = m->a[4] / half, yy = 1 + m->a[5] / half;
-    out->rotation = atan2(xy - yx, xx + yy) * (180 / 3.14159265358979323846);
-    out->scale = sqrt(fabs(xx * yy - xy * yx));
+                          .rotation = atan2(xy - yx, xx + yy) * (180 / 3.14159265358979323846),
+                          .scale = sqrt(fabs(xx * yy - xy * yx))};
 }
 
 typedef struct merge_state {
@@ -92,8 +84,7 @@ static brace_status merge_align(merge_state *s, const brace_bracket *bracket, co
             motion = (restore_motion){.confidence = motion.confidence};
         if (unused)
             motion = (restore_motion){.confidence = 0};
-        report->motion[i] = motion_report(&motion);
-        motion_shape(&report->motion[i], &motion, s->packed.width);
+        report->motion[i] = restore_motion_report(&motion, s->packed.width);
         status = restore_view_create(&s->view[i], &s->packed, frame, bracket->exposure[i],
                                      align && i != reference ? &motion : NULL, pool, error);
         if (status)

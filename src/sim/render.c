@@ -119,11 +119,11 @@ static brace_status row_create(sim_row *row, size_t n, brace_error *error) {
     return BRACE_OK;
 }
 
-brace_status sim_render(sim_light *out, const sim_stage *stage, int frame, core_pool *pool, brace_error *error) {
+brace_status sim_render_shot(sim_light *out, const sim_stage *stage, const sim_shot *shot, core_pool *pool,
+                             brace_error *error) {
     const sim_scene *scene = stage->scene;
     const double readout = stage->camera->readout;
-    const int middle = scene->frames / 2, workers = core_pool_threads(pool);
-    const double reference_start = sim_frame_start(scene, readout, middle);
+    const int workers = core_pool_threads(pool);
     sim_render_job job = {.out = out,
                           .scene = scene,
                           .texture = stage->texture,
@@ -132,20 +132,13 @@ brace_status sim_render(sim_light *out, const sim_stage *stage, int frame, core_
                           .kernel = sim_light_kernel(stage->panel, core_cpu_features()),
                           .loops = sim_rows_for(core_cpu_features()),
                           .row_time = readout / scene->height,
-                          .reference_middle = reference_start + 0.5 * (readout + scene->reference_time),
-                          .blur = sim_blur_of(scene)};
-    if (frame >= 0) {
-        job.exposure = ldexp(scene->reference_time, 2 * (frame - middle));
-        job.start = sim_frame_start(scene, readout, frame);
-        job.scale = scene->level * ldexp(1, 2 * (frame - middle));
-    } else {
-        /* In the field the truth is one more capture, after the shortest frame, eight times as long at an eighth of
-         * the ISO; otherwise it is the mean light from where the reference stood, row by row. */
-        job.steady = frame == SIM_EXACT_TRUTH;
-        job.exposure = job.steady ? scene->reference_time : 8 * scene->reference_time;
-        job.start = job.steady ? reference_start : sim_frame_start(scene, readout, -1);
-        job.scale = scene->level;
-    }
+                          .reference_middle = sim_frame_start(scene, readout, scene->frames / 2) +
+                                              0.5 * (readout + scene->reference_time),
+                          .blur = sim_blur_of(scene),
+                          .exposure = shot->exposure,
+                          .start = shot->start,
+                          .scale = shot->scale,
+                          .steady = shot->steady};
     for (int i = 0; i < 9; i++)
         job.matrix[i] = (float)stage->to_camera[i];
     job.parts = parts_needed(&job);
@@ -161,4 +154,22 @@ brace_status sim_render(sim_light *out, const sim_stage *stage, int frame, core_
         core_free(job.rows[i].memory);
     core_free(job.rows);
     return status;
+}
+
+brace_status sim_render(sim_light *out, const sim_stage *stage, int frame, core_pool *pool, brace_error *error) {
+    const sim_scene *s = stage->scene;
+    const double readout = stage->camera->readout;
+    const int middle = s->frames / 2;
+    sim_shot shot = {.steady = frame == SIM_EXACT_TRUTH, .scale = s->level};
+    if (frame >= 0) {
+        shot.exposure = ldexp(s->reference_time, 2 * (frame - middle));
+        shot.start = sim_frame_start(s, readout, frame);
+        shot.scale = s->level * ldexp(1, 2 * (frame - middle));
+    } else {
+        /* In the field the truth is one more capture, after the shortest frame, eight times as long at an eighth of
+         * the ISO; otherwise it is the mean light from where the reference stood, row by row. */
+        shot.exposure = shot.steady ? s->reference_time : 8 * s->reference_time;
+        shot.start = sim_frame_start(s, readout, shot.steady ? middle : -1);
+    }
+    return sim_render_shot(out, stage, &shot, pool, error);
 }

@@ -8,8 +8,8 @@
 
 #include "brace/develop.h"
 
-static brace_status make_frame(brace_frame **out, const sim_camera *camera, const sim_scene *scene, double exposure,
-                               double iso, double start, brace_error *error) {
+brace_status sim_frame_create(brace_frame **out, const sim_camera *camera, const sim_scene *scene, double exposure,
+                              double iso, double start, brace_error *error) {
     brace_frame *f;
     brace_status status = brace_frame_create(&f, scene->width, scene->height, (brace_cfa)camera->cfa, error);
     if (status != BRACE_OK)
@@ -50,11 +50,11 @@ static brace_status capture_frame(brace_frame *f, const sim_stage *stage, int fr
     return status;
 }
 
-static brace_status capture_truth(brace_frame **out, sim_stage *stage, int kind, sim_light *light, core_pool *pool,
+static brace_status capture_truth(brace_frame **out, const sim_stage *stage, int kind, sim_light *light, core_pool *pool,
                                   brace_error *error) {
     const sim_scene *s = stage->scene;
     const bool field = kind == SIM_FIELD_TRUTH;
-    brace_status status = make_frame(out, stage->camera, s, field ? 8 * s->reference_time : s->reference_time,
+    brace_status status = sim_frame_create(out, stage->camera, s, field ? 8 * s->reference_time : s->reference_time,
                                      field ? s->iso / 8 : s->iso,
                                      sim_frame_start(s, stage->camera->readout, field ? -1 : s->frames / 2), error);
     for (int c = 0; c < 3 && status == BRACE_OK && !field; c++) /* as good as noiseless: readers expect a profile */
@@ -71,54 +71,75 @@ void sim_capture_free(sim_capture *capture) {
     *capture = (sim_capture){0};
 }
 
+brace_status sim_studio_create(sim_studio *out, const brace_image *screen, const sim_display *display,
+                               const sim_camera *camera, const sim_scene *scene, core_pool *pool, brace_error *error) {
+    *out = (sim_studio){0};
+    brace_frame *sample = NULL;
+    brace_color color;
+    brace_status status = sim_scene_check(scene, error);
+    if (status == BRACE_OK)
+        status = sim_texture_create(&out->texture, screen, error);
+    if (status == BRACE_OK && scene->panel_nonuniformity > 0)
+        sim_texture_uneven(&out->texture, scene, pool);
+    if (status == BRACE_OK)
+        status = sim_panel_create(&out->panel, display, out->texture.level[0].rgb, out->texture.width,
+                                  out->texture.height, error);
+    if (status == BRACE_OK && scene->clutter > 0)
+        status = sim_background_create(&out->background, scene, error);
+    if (status == BRACE_OK)
+        status = sim_frame_create(&sample, camera, scene, scene->reference_time, scene->iso, 0, error);
+    if (status == BRACE_OK)
+        status = brace_color_init(&color, sample, error);
+    brace_frame_destroy(sample);
+    if (status != BRACE_OK) {
+        sim_studio_free(out);
+        return status;
+    }
+    out->stage = (sim_stage){.scene = scene,
+                             .camera = camera,
+                             .texture = &out->texture,
+                             .background = out->background.levels > 0 ? &out->background : NULL,
+                             .panel = out->panel};
+    for (int k = 0; k < 9; k++)
+        out->stage.to_camera[k] = color.srgb_to_camera[k] / color.wb[k / 3];
+    return BRACE_OK;
+}
+
+void sim_studio_free(sim_studio *studio) {
+    sim_panel_destroy(studio->panel);
+    sim_texture_free(&studio->background);
+    sim_texture_free(&studio->texture);
+    *studio = (sim_studio){0};
+}
+
 brace_status sim_capture_create(sim_capture *out, const brace_image *screen, const sim_display *display,
                                 const sim_camera *camera, const sim_scene *scene, const brace_job *job,
                                 brace_error *error) {
     *out = (sim_capture){0};
-    sim_texture texture = {0}, background = {0};
-    sim_panel *panel = NULL;
+    sim_studio studio = {0};
     sim_light light = {0};
     core_pool *pool = NULL;
-    brace_status status = sim_scene_check(scene, error);
+    brace_status status = core_pool_create(&pool, job, error);
     if (status == BRACE_OK)
-        status = core_pool_create(&pool, job, error);
-    if (status == BRACE_OK)
-        status = sim_texture_create(&texture, screen, error);
-    if (status == BRACE_OK && scene->panel_nonuniformity > 0)
-        sim_texture_uneven(&texture, scene, pool);
-    if (status == BRACE_OK)
-        status = sim_panel_create(&panel, display, texture.level[0].rgb, texture.width, texture.height, error);
-    if (status == BRACE_OK && scene->clutter > 0)
-        status = sim_background_create(&background, scene, error);
+        status = sim_studio_create(&studio, screen, display, camera, scene, pool, error);
     if (status == BRACE_OK)
         status = sim_light_create(&light, scene->width, scene->height, error);
-    sim_stage stage = {.scene = scene,
-                       .camera = camera,
-                       .texture = &texture,
-                       .background = background.levels > 0 ? &background : NULL,
-                       .panel = panel};
-    for (int i = 0; i < scene->frames && status == BRACE_OK; i++) {
+    for (int i = 0; status == BRACE_OK && i < scene->frames; i++) {
         if ((status = core_check_cancel(job, error)) != BRACE_OK)
             break;
-        status = make_frame(&out->frame[i], camera, scene, ldexp(scene->reference_time, 2 * (i - scene->frames / 2)),
-                            scene->iso, sim_frame_start(scene, camera->readout, i), error);
+        status =
+            sim_frame_create(&out->frame[i], camera, scene, ldexp(scene->reference_time, 2 * (i - scene->frames / 2)),
+                             scene->iso, sim_frame_start(scene, camera->readout, i), error);
         if (status != BRACE_OK)
             break;
         out->count = i + 1;
-        if (i == 0) {
-            brace_color color;
-            if ((status = brace_color_init(&color, out->frame[0], error)) != BRACE_OK)
-                break;
-            for (int k = 0; k < 9; k++)
-                stage.to_camera[k] = color.srgb_to_camera[k] / color.wb[k / 3];
-        }
-        status = capture_frame(out->frame[i], &stage, i, &light, pool, error);
+        status = capture_frame(out->frame[i], &studio.stage, i, &light, pool, error);
     }
     if (status == BRACE_OK)
-        status =
-            capture_truth(&out->truth, &stage, scene->field ? SIM_FIELD_TRUTH : SIM_EXACT_TRUTH, &light, pool, error);
+        status = capture_truth(&out->truth, &studio.stage, scene->field ? SIM_FIELD_TRUTH : SIM_EXACT_TRUTH, &light,
+                               pool, error);
     if (status == BRACE_OK && scene->field)
-        status = capture_truth(&out->exact, &stage, SIM_EXACT_TRUTH, &light, pool, error);
+        status = capture_truth(&out->exact, &studio.stage, SIM_EXACT_TRUTH, &light, pool, error);
     if (status == BRACE_OK) {
         out->meta =
             json_pack("{s:o,s:o,s:o,s:[i,i]}", "scene", sim_scene_json(scene), "display", sim_display_json(display),
@@ -127,9 +148,7 @@ brace_status sim_capture_create(sim_capture *out, const brace_image *screen, con
             status = core_fail_memory(error, 4096, "the sample's description");
     }
     sim_light_free(&light);
-    sim_panel_destroy(panel);
-    sim_texture_free(&background);
-    sim_texture_free(&texture);
+    sim_studio_free(&studio);
     core_pool_destroy(pool);
     if (status != BRACE_OK)
         sim_capture_free(out);

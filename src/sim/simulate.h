@@ -63,11 +63,36 @@ typedef struct sim_stage {
 enum { SIM_EXACT_TRUTH = -1, SIM_FIELD_TRUTH = -2 };
 brace_status sim_render(sim_light *out, const sim_stage *stage, int frame, core_pool *pool, brace_error *error);
 
+/* A frame of any exposure at any time, for cameras that are told what to shoot. */
+typedef struct sim_shot {
+    double start, exposure; /* seconds, of the first row */
+    double scale;           /* signal of white under steady light, 1 just clips */
+    bool steady;            /* the time mean of the display's light; no motion while the shutter is open */
+} sim_shot;
+brace_status sim_render_shot(sim_light *out, const sim_stage *stage, const sim_shot *shot, core_pool *pool,
+                             brace_error *error);
+
 /* sensor.c: light to raw numbers. `frame` keys the noise; < 0: none. Noise is that of frame->noise. */
 brace_status sim_expose(brace_frame *out, const sim_light *light, const sim_scene *scene, int frame, core_pool *pool,
                         brace_error *error);
 
 /* simulate.c */
+
+/* A frame without pixels that has the metadata which this camera would record. */
+brace_status sim_frame_create(brace_frame **out, const sim_camera *camera, const sim_scene *scene, double exposure,
+                              double iso, double start, brace_error *error);
+
+/* A screen that is switched on in front of a camera: all that frames are rendered from. `stage` borrows scene, display
+ * and camera, which must stay where they are until it is freed. */
+typedef struct sim_studio {
+    sim_stage stage;
+    sim_texture texture, background;
+    sim_panel *panel;
+} sim_studio;
+brace_status sim_studio_create(sim_studio *out, const brace_image *screen, const sim_display *display,
+                               const sim_camera *camera, const sim_scene *scene, core_pool *pool, brace_error *error);
+void sim_studio_free(sim_studio *studio);
+
 typedef struct sim_capture {
     int count;
     brace_frame *frame[9];
