@@ -279,6 +279,12 @@ static brace_status meter(android_camera *c, const settings *s, const brace_job 
     }
     const capture_wire_metered *m = &c->message.metered;
     memcpy(c->neutral, m->neutral, sizeof c->neutral);
+    if (m->exposed && m->exposure > 0) {
+        core_note(job, "the phone by itself would expose for %.6f s at ISO %u", (double)m->exposure / 1e9, m->iso);
+    }
+    if (m->focused && s->focus < 0 && m->focus >= 0) {
+        core_note(job, "the phone focused at %.2f dioptres; --option focus=%.2f keeps it there", m->focus, m->focus);
+    }
     if (!m->focused && s->focus < 0 && c->camera.focus_nearest > 0) {
         core_note(job, "the phone did not find a focus; give it as --option focus=DIOPTRES (1 / metres)");
     }
