@@ -6,20 +6,11 @@
  *
  *   test_android PHONE CABLE    the two programs
  */
-#include <fcntl.h>
 #include <math.h>
 #include <netinet/in.h>
-#include <setjmp.h>
-#include <signal.h>
-#include <stdarg.h>
-#include <stdlib.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
-#include <cmocka.h>
 
 #include "../../android/server.h"
 #include "brace/frame.h"
@@ -27,6 +18,7 @@
 #include "capture/camera.h"
 #include "raw/raw.h"
 
+#include "child.h"
 #include "samples.h"
 
 static const char *phone_program, *cable_program;
@@ -34,56 +26,13 @@ static char folder[] = "/tmp/brace-test-android-XXXXXX";
 
 /* ---- programs ---- */
 
-typedef struct child {
-    pid_t pid;
-    unsigned port;
-} child;
-
-/* Starts a program that prints "listening on 127.0.0.1:PORT". */
-static child start(const char *const *arguments, const char *faults) {
-    int ends[2];
-    assert_int_equal(pipe2(ends, O_CLOEXEC), 0);
-    child c = {.pid = fork()};
-    assert_true(c.pid >= 0);
-    if (c.pid == 0) {
-        dup2(ends[1], 1);
-        if (faults != NULL) {
-            setenv("BRACE_FAKE_FAULTS", faults, 1);
-        }
-        execv(arguments[0], (char *const *)(uintptr_t)arguments);
-        _exit(127);
-    }
-    close(ends[1]);
-    char line[256] = "";
-    size_t have = 0;
-    while (have < sizeof line - 1 && strchr(line, '\n') == NULL) {
-        const ssize_t n = read(ends[0], line + have, sizeof line - 1 - have);
-        assert_true(n > 0);
-        have += (size_t)n;
-    }
-    close(ends[0]);
-    assert_int_equal(sscanf(line, "listening on 127.0.0.1:%u", &c.port), 1);
-    return c;
-}
-
 static child start_phone(const char *faults) {
-    const char *arguments[] = {phone_program, "--port", "0", "--timeout", "2", "--quiet", NULL};
-    return start(arguments, faults);
+    return child_phone(phone_program, faults);
 }
 
 static child start_cable(child phone, const char *fault) {
-    char port[16];
-    snprintf(port, sizeof port, "%u", phone.port);
-    const char *arguments[] = {cable_program, port, fault, NULL};
-    return start(arguments, NULL);
-}
-
-/* Ends a program; its exit code, or -1 if it had to be killed or a signal ended it. */
-static int end(child c, bool politely) {
-    int code = 0;
-    kill(c.pid, politely ? SIGTERM : SIGKILL);
-    waitpid(c.pid, &code, 0);
-    return WIFEXITED(code) ? WEXITSTATUS(code) : -1;
+    const char *const faults[] = {fault, NULL};
+    return child_cable(cable_program, phone, faults);
 }
 
 /* ---- the computer's end ---- */
@@ -179,7 +128,7 @@ static void test_frame(void **state) {
     }
     shim_destroy(twin);
     camera->backend->close(camera, NULL);
-    assert_int_equal(end(phone, true), 0);
+    assert_int_equal(child_end(phone, true), 0);
 }
 
 /* Odd origins of the active area move filters and levels; the front camera turns the other way; what the phone does
@@ -276,7 +225,7 @@ static void check_fault(const char *faults, capture_trouble trouble, const char 
     assert_int_equal(shoot(camera, 0.004, &report), BRACE_OK);
     brace_frame_destroy(load());
     camera->backend->close(camera, NULL);
-    assert_int_equal(end(phone, true), 0);
+    assert_int_equal(child_end(phone, true), 0);
 }
 
 static void test_phone_faults(void **state) {
@@ -316,7 +265,7 @@ static void test_phone_lies(void **state) {
     brace_frame_destroy(f);
     brace_frame_destroy(good);
     camera->backend->close(camera, NULL);
-    assert_int_equal(end(phone, true), 0);
+    assert_int_equal(child_end(phone, true), 0);
 }
 
 static void test_phone_ends(void **state) {
@@ -330,7 +279,7 @@ static void test_phone_ends(void **state) {
     assert_int_equal(report.trouble, CAPTURE_TROUBLE_GONE);
     assert_null(load());
     camera->backend->close(camera, NULL);
-    assert_int_equal(end(phone, false), 3);
+    assert_int_equal(child_end(phone, false), 3);
 }
 
 /* ---- what goes wrong on the way ---- */
@@ -365,8 +314,8 @@ static void test_cable(void **state) {
         assert_non_null(f);
         brace_frame_destroy(f);
         camera->backend->close(camera, NULL);
-        end(cable, false);
-        assert_int_equal(end(phone, true), 0);
+        child_end(cable, false);
+        assert_int_equal(child_end(phone, true), 0);
     }
 }
 
@@ -557,7 +506,7 @@ static void test_hostile_computer(void **state) {
     close(silent);
     capture_channel_end(channel);
     free(channel);
-    assert_int_equal(end(phone, true), 0);
+    assert_int_equal(child_end(phone, true), 0);
 }
 
 /* The socket that adb forwards to: abstract, and for this user. */
@@ -649,7 +598,7 @@ static void test_options(void **state) {
     const capture_address address = {.port = port};
     assert_int_equal(capture_backend_android.open(&camera, &address, NULL, &error), BRACE_ERROR_UNSUPPORTED);
     capture_backend_android.close(NULL, NULL);
-    assert_int_equal(end(phone, true), 0);
+    assert_int_equal(child_end(phone, true), 0);
 }
 
 static char found[512];
@@ -680,8 +629,8 @@ static void test_list(void **state) {
     const child cable = start_cable(phone, "cut=0"); /* as adb does where no program listens on the phone */
     assert_int_equal(list(cable.port), BRACE_OK);
     assert_non_null(strstr(found, "does not run on it"));
-    end(cable, false);
-    assert_int_equal(end(phone, true), 0);
+    child_end(cable, false);
+    assert_int_equal(child_end(phone, true), 0);
     assert_int_equal(list(cable.port), BRACE_OK);
     assert_string_equal(found, "");
 }
