@@ -109,6 +109,7 @@ typedef enum capture_verdict {
     CAPTURE_AGREE = 0,
     CAPTURE_UNKNOWN,   /* too few pixels that are neither clipped nor dark in both */
     CAPTURE_IDENTICAL, /* the same picture twice */
+    CAPTURE_DARK,      /* one of them shows hardly any light, and should */
     CAPTURE_DISAGREE
 } capture_verdict;
 typedef struct capture_comparison {
@@ -117,10 +118,14 @@ typedef struct capture_comparison {
 } capture_comparison;
 capture_comparison capture_compare(const capture_probe *a, const capture_probe *b);
 
-/* Looks for the frames that lie among `count` probes (at most 32): those outside the largest set that agrees with itself.
- * Of two that contradict each other with nobody to decide, the one that was shot fewer times, then the
- * later. Returns its index, or -1; `why` says what is wrong with it. */
-int capture_find_liar(const capture_probe *probes, size_t count, char *why, size_t size);
+/* Looks for the frames that lie among `count` probes (at most 32): those outside the largest set that agrees with
+ * itself. Of two that contradict each other with nobody to decide, the one that was shot fewer times, then the later.
+ * Returns its index, or -1; `why` says what is wrong with it. *doubtful: it is only darker than it should be, and shorter
+ * than 1/50 s, so it may have fallen between two pulses of the display: worth another try, no proof. */
+int capture_find_liar(const capture_probe *probes, size_t count, bool *doubtful, char *why, size_t size);
+
+/* Of white: the power of two that all but a thousandth of the samples stay below; at least 1/128. */
+double capture_brightest(const capture_probe *probe);
 
 /* Where the content of `moved` lies against `fixed`. NaN and confidence 0 if it cannot be found. */
 brace_status capture_motion(brace_motion *out, const brace_frame *fixed, const brace_frame *moved, const brace_job *job,
@@ -152,7 +157,7 @@ typedef struct capture_shot {
     capture_shot_report report;
     double exif_exposure, exif_iso; /* what the file says; 0: nothing */
     double ev;               /* signal against the plan, relative to the reference; NaN: unknown */
-    bool accepted;           /* it failed the checks and was kept all the same */
+    bool accepted;           /* it contradicts the others, or is dark, and was kept all the same */
 } capture_shot;
 
 /* How often what happened. */

@@ -119,7 +119,8 @@ static brace_status read_files(checker *c, brace_error *error) {
             continue;
         }
         f->exposure = frame->exposure_time, f->iso = frame->iso;
-        status = capture_probe_create(&c->probe[i], frame, f->name, f->exposure, f->iso, error);
+        /* Where the ISO is not said it is taken as the same for all. */
+        status = capture_probe_create(&c->probe[i], frame, f->name, f->exposure, f->iso > 0 ? f->iso : 100, error);
         f->clipped = c->probe[i].clipped;
         brace_frame_destroy(frame);
         if (status != BRACE_OK)
@@ -216,7 +217,9 @@ static void check_bracket(checker *c, size_t frames) {
     if (out->files[0].clipped > 0.01)
         remark(c, "%.0f %% of the shortest frame, %s, is clipped: expose shorter", 100 * out->files[0].clipped,
                out->files[0].name);
-    if (out->files[frames - 1].clipped < 1e-4 && frames >= 3)
+    if (capture_brightest(&c->probe[frames - 1]) < 0.05)
+        remark(c, "the longest frame, %s, shows hardly any light: is the lens cap on?", out->files[frames - 1].name);
+    else if (out->files[frames - 1].clipped < 1e-4 && frames >= 3)
         remark(c, "nothing is clipped in the longest frame, %s: longer ones would average more flicker",
                out->files[frames - 1].name);
 }
@@ -237,8 +240,12 @@ static void check_light(checker *c) {
         index[n++] = i;
     }
     char why[BRACE_ERROR_LENGTH / 2];
-    for (int liar; (liar = capture_find_liar(present, n, why, sizeof why)) >= 0;) {
-        problem(c, "%s", why);
+    bool doubtful;
+    for (int liar; (liar = capture_find_liar(present, n, &doubtful, why, sizeof why)) >= 0;) {
+        if (doubtful)
+            remark(c, "%s: so short an exposure may fall between two pulses of the display", why);
+        else
+            problem(c, "%s", why);
         n--;
         for (size_t i = (size_t)liar; i < n; i++)
             present[i] = present[i + 1], index[i] = index[i + 1];

@@ -15,8 +15,8 @@
 
 #include "capture/capture.h"
 
-/* What differs by less, in EV, is not worth a word. */
-#define SAME_EV 0.02
+/* What differs by less, in EV, is not worth a word: dials are rounded. */
+#define SAME_EV 0.06
 /* A quarter of a stop: what sets of samples take for the exposure that was meant. */
 #define NEAR_EV 0.25
 

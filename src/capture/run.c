@@ -31,8 +31,11 @@ static void mishap(capture_session *s, const char *format, ...) {
     va_start(args, format);
     vsnprintf(sentence, sizeof sentence, format, args);
     va_end(args);
-    capture_sequence_event(s->sequence, sentence);
-    tell(s, NULL, sentence);
+    /* The hidden folder's name is nobody's business. */
+    const bool hidden = strncmp(sentence, s->folder, s->prefix - 1) == 0 && sentence[s->prefix - 1] == '/';
+    const char *said = sentence + (hidden ? s->prefix : 0);
+    capture_sequence_event(s->sequence, said);
+    tell(s, NULL, said);
 }
 
 static void show_progress(const capture_session *s) {
@@ -234,22 +237,23 @@ static brace_status cross_check(capture_session *s, brace_error *error) {
                 present[n].tries = q->shots[i].tries;
                 index[n++] = i;
             }
-        const int liar = capture_find_liar(present, n, why, sizeof why);
+        bool doubtful;
+        const int liar = capture_find_liar(present, n, &doubtful, why, sizeof why);
         if (liar < 0)
             return BRACE_OK;
         capture_shot *shot = &q->shots[index[liar]];
         q->counts.pixels++;
-        if (shot->tries >= s->tries && !s->params->accept) {
+        if (shot->tries < s->tries) {
+            mishap(s, "%s; shot again", why);
+            forget(s, index[liar]);
+        } else if (s->params->accept || doubtful) {
+            shot->accepted = true;
+            mishap(s, "%s, also after %d tries; kept all the same%s", why, shot->tries,
+                   doubtful ? ": so short an exposure may fall between two pulses of the display" : "");
+        } else {
             forget(s, index[liar]);
             return core_fail(error, BRACE_ERROR_MISMATCH, "%s, also after %d tries", why, shot->tries);
         }
-        if (shot->tries >= s->tries) {
-            shot->accepted = true;
-            mishap(s, "%s, also after %d tries; kept all the same", why, shot->tries);
-            continue;
-        }
-        mishap(s, "%s; shot again", why);
-        forget(s, index[liar]);
     }
 }
 
@@ -305,6 +309,11 @@ static brace_status conclude(capture_session *s, brace_error *error) {
     capture_sequence *q = s->sequence;
     size_t r = 0;
     const capture_shot *reference = shot_of_step(q, q->plan.reference, &r);
+    double brightest = 0;
+    for (size_t i = 0; i < q->shot_count; i++)
+        brightest = fmax(brightest, capture_brightest(&s->probes[i]));
+    if (brightest < 0.05)
+        mishap(s, "no frame shows more than %.0f %% of white: is the lens cap on?", 100 * brightest);
     for (size_t i = 0; i < q->shot_count && reference != NULL; i++)
         q->shots[i].ev = i == r ? 0 : capture_compare(&s->probes[i], &s->probes[r]).ev;
     brace_status status = BRACE_OK;

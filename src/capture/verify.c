@@ -100,8 +100,7 @@ static bool identical(const brace_frame *a, const brace_frame *b) {
 }
 
 /* Frames with too little in common for a ratio can still contradict each other: where the longer one is not clipped, the
- * shorter one should show something; and it cannot be the brighter of the two. Two stops and more than any flicker
- * of docs/displays.md makes. */
+ * shorter one should show something; and it cannot be the brighter of the two. */
 static double blackout(const capture_probe *dark, const capture_probe *bright, double expected) {
     const brace_frame *d = dark->sample, *b = bright->sample;
     double all[2] = {0, 0}, open[2] = {0, 0};
@@ -119,7 +118,7 @@ static double blackout(const capture_probe *dark, const capture_probe *bright, d
     }
     if (all[0] > 0.004 * (double)count && all[1] < 0.25 * all[0])
         return log2(fmax(all[0], 1e-6) / fmax(all[1], 1e-6)) - log2(expected);
-    if (unclipped > count / 20 && open[1] * expected > 0.004 * (double)unclipped && open[0] < 0.03 * open[1] * expected)
+    if (unclipped > count / 20 && open[1] * expected > 0.001 * (double)unclipped && open[0] < 0.05 * open[1] * expected)
         return log2(fmax(open[0], 1e-6 * (double)unclipped) / open[1]) - log2(expected);
     return (double)NAN;
 }
@@ -138,7 +137,7 @@ capture_comparison capture_compare(const capture_probe *a, const capture_probe *
     if (!(r.ratio > 0)) {
         const double off = blackout(dark, bright, expected);
         result.ev = swapped ? -off : off;
-        result.verdict = isnan(off) ? CAPTURE_UNKNOWN : CAPTURE_DISAGREE;
+        result.verdict = isnan(off) ? CAPTURE_UNKNOWN : CAPTURE_DARK;
         return result;
     }
     const double off = log2(r.ratio / expected), slack = exp2(CAPTURE_PIXELS_EV / 2);
@@ -147,6 +146,21 @@ capture_comparison capture_compare(const capture_probe *a, const capture_probe *
                          ? CAPTURE_AGREE
                          : CAPTURE_DISAGREE;
     return result;
+}
+
+double capture_brightest(const capture_probe *probe) {
+    const brace_frame *f = probe->sample;
+    const size_t count = (size_t)f->width * f->height;
+    double level = 1;
+    while (level > 1.0 / 128) {
+        size_t above = 0;
+        level /= 2;
+        for (size_t i = 0; i < count; i++)
+            above += f->data[i] > f->black[0] + level * (f->white - f->black[0]);
+        if (above * 1000 > count)
+            return 2 * level;
+    }
+    return level;
 }
 
 /* ---- who lies ---- */
@@ -179,13 +193,16 @@ static void grow(search *s, uint32_t set, size_t next, long worth) {
         grow(s, set, next + 1, worth);
 }
 
-int capture_find_liar(const capture_probe *probes, size_t count, char *why, size_t size) {
+/* Longer than the dark time of any display. */
+#define LONG_ENOUGH (1.0 / 50)
+
+int capture_find_liar(const capture_probe *probes, size_t count, bool *doubtful, char *why, size_t size) {
     search s = {.count = count < MOST ? count : MOST, .probes = probes, .best_worth = -1};
     capture_comparison c[MOST][MOST];
     for (size_t i = 0; i < s.count; i++)
         for (size_t k = 0; k < i; k++) {
             c[i][k] = capture_compare(&probes[i], &probes[k]);
-            if (c[i][k].verdict == CAPTURE_DISAGREE || c[i][k].verdict == CAPTURE_IDENTICAL) {
+            if (c[i][k].verdict >= CAPTURE_IDENTICAL) {
                 s.enemies[i] |= 1u << k;
                 s.enemies[k] |= 1u << i;
             }
@@ -196,6 +213,10 @@ int capture_find_liar(const capture_probe *probes, size_t count, char *why, size
             continue;
         /* Contradicted by a member of the set: the nearest in exposure says it best. */
         size_t witness = s.count;
+        *doubtful = probes[i].exposure < LONG_ENOUGH;
+        for (size_t k = 0; k < s.count; k++)
+            if ((s.best & s.enemies[i]) >> k & 1)
+                *doubtful = *doubtful && (i > k ? c[i][k] : c[k][i]).verdict == CAPTURE_DARK;
         for (size_t k = 0; k < s.count; k++)
             if ((s.best & s.enemies[i]) >> k & 1 &&
                 (witness == s.count || fabs(log(probes[k].light / probes[i].light)) <
@@ -208,6 +229,9 @@ int capture_find_liar(const capture_probe *probes, size_t count, char *why, size
         char t[32];
         if (found.verdict == CAPTURE_IDENTICAL)
             snprintf(why, size, "%s is the same picture as %s, sample for sample", probes[i].name, probes[witness].name);
+        else if (found.verdict == CAPTURE_DARK)
+            snprintf(why, size, ev < 0 ? "%s shows hardly any light beside %s" : "%s shows light that %s does not",
+                     probes[i].name, probes[witness].name);
         else if (fabs(planned) > 1 && fabs(ev + planned) < CAPTURE_PIXELS_EV)
             snprintf(why, size, "%s is as bright as %s, although %s at ISO %g should make it %.1f EV %s: is the exposure locked?",
                      probes[i].name, probes[witness].name, capture_time_text(t, probes[i].exposure), probes[i].iso,

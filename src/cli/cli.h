@@ -31,6 +31,7 @@ int cli_analyze(int argc, char **argv);
 int cli_info(int argc, char **argv);
 int cli_metrics(int argc, char **argv);
 int cli_simulate(int argc, char **argv);
+int cli_capture(int argc, char **argv);
 int cli_dataset(int argc, char **argv);
 int cli_bench(int argc, char **argv);
 
@@ -104,6 +105,10 @@ typedef struct cli_paths {
  * NULL). Refuses what does not exist and what is given twice, with a sentence. */
 bool cli_paths_expand(cli_paths *out, const cli_list *arguments, const cli_list *except, const char *command);
 void cli_paths_free(cli_paths *paths);
+
+/* Takes the truths of samples and of sequences (gt.dng, gt_exact.dng) out of a list of a bracket's frames, if at least
+ * `least` others stay. True if there was one; `name` is told. */
+bool cli_paths_leave_truth(cli_paths *paths, size_t least, char *name, size_t size);
 
 /* Whether two names lead to the same file, whether it exists yet or not. */
 bool cli_same_file(const char *a, const char *b);

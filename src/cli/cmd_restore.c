@@ -371,6 +371,11 @@ static int run(arguments *a, cli_paths *frames, double **exposures) {
     if (code < 0 && !cli_paths_expand(frames, &a->frames, &a->outputs, command)) {
         code = CLI_FAILED;
     }
+    char truth[256];
+    if (code < 0 && a->exposures == NULL && cli_paths_leave_truth(frames, BRACE_BRACKET_MIN, truth, sizeof truth) &&
+        !a->quiet) {
+        cli_error(command, "note: %s is the truth of this bracket, not one of its frames: left out", truth);
+    }
     if (code < 0 && (frames->count < BRACE_BRACKET_MIN || frames->count > BRACE_BRACKET_MAX)) {
         cli_error(command, "a bracket has %d to %d frames, but %zu %s given", BRACE_BRACKET_MIN, BRACE_BRACKET_MAX,
                   frames->count, frames->count == 1 ? "was" : "were");

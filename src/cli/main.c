@@ -15,6 +15,7 @@ static const cli_command commands[] = {
     {"analyze", "how strongly photographs of a display band, at what frequency, and which shutter avoids it", cli_analyze},
     {"metrics", "how far pictures are from the truth: PSNR, SSIM, MS-SWD, LPIPS, DISTS, SFC", cli_metrics},
     {"simulate", "photographs of a display: a screenshot in, a bracket of RAW frames out", cli_simulate},
+    {"capture", "cameras: plan a bracket, shoot it, verify it", cli_capture},
     {"dataset", "training sets: build, pack, verify, info, import", cli_dataset},
     {"bench", "how fast BRACE is on this computer", cli_bench},
 };

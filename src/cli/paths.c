@@ -154,3 +154,29 @@ bool cli_paths_expand(cli_paths *out, const cli_list *arguments, const cli_list 
     }
     return true;
 }
+
+/* What samples and sequences call their truths. */
+static bool is_truth(const char *path) {
+    const char *base = cli_basename(path);
+    return strncmp(base, "gt.", 3) == 0 || strncmp(base, "gt_exact.", 9) == 0;
+}
+
+bool cli_paths_leave_truth(cli_paths *paths, size_t least, char *name, size_t size) {
+    size_t kept = 0, left = 0;
+    for (size_t i = 0; i < paths->count; i++) {
+        left += is_truth(paths->items[i]);
+    }
+    if (left == 0 || paths->count - left < least) {
+        return false;
+    }
+    for (size_t i = 0; i < paths->count; i++) {
+        if (is_truth(paths->items[i])) {
+            snprintf(name, size, "%s", cli_basename(paths->items[i]));
+            free(paths->items[i]);
+        } else {
+            paths->items[kept++] = paths->items[i];
+        }
+    }
+    paths->count = kept;
+    return true;
+}
