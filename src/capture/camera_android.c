@@ -280,7 +280,11 @@ static brace_status meter(android_camera *c, const settings *s, const brace_job 
     const capture_wire_metered *m = &c->message.metered;
     memcpy(c->neutral, m->neutral, sizeof c->neutral);
     if (m->exposed && m->exposure > 0) {
-        core_note(job, "the phone by itself would expose for %.6f s at ISO %u", (double)m->exposure / 1e9, m->iso);
+        const double t = (double)m->exposure / 1e9;
+        core_note(job,
+                  t < 0.4 ? "the phone by itself would expose for 1/%.0f s at ISO %u"
+                          : "the phone by itself would expose for %.1f s at ISO %u",
+                  t < 0.4 ? 1 / t : t, m->iso);
     }
     if (m->focused && s->focus < 0 && m->focus >= 0) {
         core_note(job, "the phone focused at %.2f dioptres; --option focus=%.2f keeps it there", m->focus, m->focus);
@@ -386,22 +390,22 @@ static brace_status android_list(const capture_address *address, const brace_job
     char port[48];
     snprintf(port, sizeof port, "%u", s.port);
     status = greet(c, fd, s.patience < 7000 ? s.patience : 7000, &silent, job, error);
+    const capture_wire_welcome phone = c->phone;
+    android_close(&c->base, job); /* first: the phone serves one computer at a time, and `found` may open it */
     if (silent) {
         found(user, &(capture_found){.port = port,
                                      .make = "",
                                      .model = "a phone",
                                      .note = "brace_camera does not run on it, or serves another computer"});
-        status = BRACE_OK;
-    } else if (status == BRACE_OK) {
-        for (uint32_t i = 0; i < c->phone.count; i++) {
-            snprintf(port, sizeof port, "%u/%s", s.port, c->phone.cameras[i].id);
-            found(user, &(capture_found){.port = port,
-                                         .make = c->phone.make,
-                                         .model = c->phone.model,
-                                         .note = c->phone.cameras[i].usable ? NULL : "no RAW with manual exposure"});
-        }
+        return BRACE_OK;
     }
-    android_close(&c->base, job);
+    for (uint32_t i = 0; status == BRACE_OK && i < phone.count; i++) {
+        snprintf(port, sizeof port, "%u/%s", s.port, phone.cameras[i].id);
+        found(user, &(capture_found){.port = port,
+                                     .make = phone.make,
+                                     .model = phone.model,
+                                     .note = phone.cameras[i].usable ? NULL : "no RAW with manual exposure"});
+    }
     return status;
 }
 

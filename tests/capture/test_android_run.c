@@ -54,24 +54,26 @@ static unsigned files_in(const char *name) {
     return n;
 }
 
-/* `brace restore` makes a picture of the folder. */
-static void check_restores(const char *name) {
-    char paths[5][128], out[128];
-    const char *arguments[] = {brace_program, "restore", paths[0], paths[1],  paths[2], paths[3],
-                               paths[4],      "-o",      out,      "--quiet", NULL};
-    for (int i = 0; i < 5; i++) {
-        snprintf(paths[i], sizeof paths[i], "%s/%s/frame_%d.dng", folder, name, i + 1);
-    }
-    snprintf(out, sizeof out, "%s/restored.png", folder);
+/* Runs the program; its exit code. */
+static int run_brace(const char *const *arguments) {
     const pid_t pid = fork();
     assert_true(pid >= 0);
     if (pid == 0) {
-        execv(arguments[0], (char *const *)(uintptr_t)arguments);
+        execv(brace_program, (char *const *)(uintptr_t)arguments);
         _exit(127);
     }
     int code = 0;
     waitpid(pid, &code, 0);
-    assert_true(WIFEXITED(code) && WEXITSTATUS(code) == 0);
+    return WIFEXITED(code) ? WEXITSTATUS(code) : -1;
+}
+
+/* `brace restore` makes a picture of the folder. */
+static void check_restores(const char *name) {
+    char path[128], out[128];
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    snprintf(out, sizeof out, "%s/restored.png", folder);
+    const char *arguments[] = {"brace", "restore", path, "-o", out, "--quiet", NULL};
+    assert_int_equal(run_brace(arguments), 0);
     assert_int_equal(access(out, R_OK), 0);
     unlink(out);
 }
@@ -171,6 +173,24 @@ static void test_resume(void **state) {
     assert_int_equal(child_end(phone, true), 0);
 }
 
+/* The same by the command line. */
+static void test_program(void **state) {
+    (void)state;
+    char camera[64], path[128];
+    const child phone = child_phone(phone_program, "busy@2,dropped@3");
+    snprintf(camera, sizeof camera, "android:%u/0", phone.port);
+    snprintf(path, sizeof path, "%s/program", folder);
+    const char *list[] = {"brace", "capture", "list", "--camera", camera, "--quiet", NULL};
+    const char *shoot[] = {"brace", "capture", "run", "--camera", camera, "--option", "focus=2.5", "--time",
+                           "1/240", "--iso",   "400", "-o",       path,   "--quiet",  NULL};
+    const char *check[] = {"brace", "capture", "check", path, "--quiet", NULL};
+    assert_int_equal(run_brace(list), 0);
+    assert_int_equal(run_brace(shoot), 0);
+    assert_int_equal(run_brace(check), 0);
+    check_restores("program");
+    assert_int_equal(child_end(phone, true), 0);
+}
+
 static int make_folder(void **state) {
     (void)state;
     return mkdtemp(folder) != NULL ? 0 : -1;
@@ -178,7 +198,7 @@ static int make_folder(void **state) {
 
 static int remove_folder(void **state) {
     (void)state;
-    static const char *const folders[] = {"sound", "faults", "resumed"};
+    static const char *const folders[] = {"sound", "faults", "resumed", "program"};
     static const char *const files[] = {"frame_1.dng", "frame_2.dng", "frame_3.dng",  "frame_4.dng",
                                         "frame_5.dng", "gt.dng",      "sequence.json"};
     char path[160];
@@ -206,6 +226,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test(test_sound),
         cmocka_unit_test(test_faults),
         cmocka_unit_test(test_resume),
+        cmocka_unit_test(test_program),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }
