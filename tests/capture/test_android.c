@@ -558,6 +558,37 @@ static void test_abstract_socket(void **state) {
     waitpid(pid, NULL, 0);
 }
 
+/* ---- memory ---- */
+
+/* Whichever allocation fails: an error, no file, and the phone is free again. */
+static void test_memory(void **state) {
+    (void)state;
+    const child phone = start_phone(NULL);
+    bool done = false;
+    unsigned failures = 0;
+    for (long n = 1; !done && n < 300; n++) {
+        capture_camera *camera = NULL;
+        capture_shot_report report;
+        core_alloc_fail_after(n);
+        brace_status status = open_port(&camera, phone.port, NULL);
+        if (status == BRACE_OK) {
+            status = shoot(camera, 0.004, &report);
+        }
+        core_alloc_fail_after(0);
+        done = status == BRACE_OK;
+        failures += !done;
+        capture_backend_android.close(camera, NULL);
+        brace_frame *f = load();
+        assert_true((f != NULL) == done);
+        brace_frame_destroy(f);
+        if (!done) {
+            assert_int_equal(status, BRACE_ERROR_MEMORY);
+        }
+    }
+    assert_true(done && failures > 4);
+    assert_int_equal(child_end(phone, true), 0);
+}
+
 /* ---- addresses, options, adb ---- */
 
 static void expect_refusal(const char *port, const char *option, const char *text) {
@@ -735,6 +766,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test(test_abstract_socket),
         cmocka_unit_test(test_options),
         cmocka_unit_test(test_list),
+        cmocka_unit_test(test_memory),
         cmocka_unit_test(test_adb),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
