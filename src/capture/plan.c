@@ -17,8 +17,8 @@
 
 /* What differs by less, in EV, is not worth a word: dials are rounded. */
 #define SAME_EV 0.06
-/* A quarter of a stop: what sets of samples take for the exposure that was meant. */
-#define NEAR_EV 0.25
+/* Half of a dial's third of a stop. Sets of samples take a quarter of a stop for what was meant. */
+#define NEAR_EV 0.17
 
 double capture_nearest(double wanted, const double *stops, size_t count, double low, double high) {
     if (count == 0)
@@ -81,7 +81,7 @@ static bool parse_ratio(const char *text, const char *end, double *value) {
         return false;
     memcpy(copy, text, n);
     copy[n] = '\0';
-    if (copy[0] < '0' || copy[0] > '9')
+    if (copy[0] < '0' || copy[0] > '9' || strspn(copy, "0123456789./") != n)
         return false;
     double over = strtod(copy, &rest), under = 1;
     if (*rest == '/') {
