@@ -14,7 +14,7 @@
  *   pixels    the frame was exposed with half the time, and says otherwise
  *   short     the buffer is smaller than the frame
  *   nonsense  noise, black level, neutral and skew are no numbers
- *   stall     nothing happens for two seconds
+ *   stall     nothing happens for three seconds
  *   exit      the program ends
  */
 #include <math.h>
@@ -199,7 +199,7 @@ int shim_shoot(shim *s, const capture_wire_shoot *request, capture_wire_frame *o
         _exit(3);
     }
     if (due(s, "stall")) {
-        nanosleep(&(struct timespec){2, 0}, NULL);
+        nanosleep(&(struct timespec){3, 0}, NULL);
     }
     const bool less = due(s, "metadata") || due(s, "pixels");
     const int64_t exposure = less ? request->exposure / 2 : request->exposure;

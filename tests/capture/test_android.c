@@ -209,7 +209,7 @@ static void check_fault(const char *faults, capture_trouble trouble, const char 
     const child phone = start_phone(faults);
     capture_camera *camera = NULL;
     capture_shot_report report;
-    assert_int_equal(open_port(&camera, phone.port, strstr(faults, "stall") != NULL ? "timeout=1" : NULL), BRACE_OK);
+    assert_int_equal(open_port(&camera, phone.port, strstr(faults, "stall") != NULL ? "timeout=2" : NULL), BRACE_OK);
     assert_int_equal(shoot(camera, 0.004, &report), BRACE_OK);
     brace_frame_destroy(load());
     assert_int_not_equal(shoot(camera, 0.004, &report), BRACE_OK);
@@ -299,7 +299,7 @@ static void test_cable(void **state) {
         const child cable = start_cable(phone, cases[i].fault);
         capture_camera *camera = NULL;
         capture_shot_report report;
-        const brace_status status = open_port(&camera, cable.port, cases[i].fault[0] == 's' ? "timeout=1" : NULL);
+        const brace_status status = open_port(&camera, cable.port, cases[i].fault[0] == 's' ? "timeout=2" : NULL);
         assert_true((status == BRACE_OK) == cases[i].opens && (camera != NULL) == cases[i].opens);
         if (cases[i].opens) {
             assert_int_not_equal(shoot(camera, 0.004, &report), BRACE_OK);

@@ -24,13 +24,13 @@ static void on_event(void *user, const capture_event *event) {
     }
 }
 
-static brace_status run(capture_sequence *q, unsigned port, const char *name, const capture_run_params *extra,
-                        brace_error *error) {
+/* `option` may be NULL. */
+static brace_status run(capture_sequence *q, unsigned port, const char *option, const char *name,
+                        const capture_run_params *extra, brace_error *error) {
     char text[16], path[128];
-    const char *options[] = {"timeout=1"};
     snprintf(text, sizeof text, "%u", port);
     snprintf(path, sizeof path, "%s/%s", folder, name);
-    const capture_address address = {.port = text, .options = options, .option_count = 1};
+    const capture_address address = {.port = text, .options = &option, .option_count = option != NULL};
     capture_run_params params = extra != NULL ? *extra : (capture_run_params){0};
     params.plan = (capture_plan_params){.time = 1.0 / 240, .iso = 400};
     params.backoff = 0.01;
@@ -103,7 +103,7 @@ static void test_sound(void **state) {
     capture_sequence q;
     brace_error error;
     const child phone = child_phone(phone_program, NULL);
-    if (run(&q, phone.port, "sound", NULL, &error) != BRACE_OK) {
+    if (run(&q, phone.port, NULL, "sound", NULL, &error) != BRACE_OK) {
         fail_msg("%s", error.message);
     }
     assert_int_equal(q.counts.asked, 6);
@@ -122,7 +122,7 @@ static void test_faults(void **state) {
         phone_program, "busy@1,busy@2,dropped@4,short@5,metadata@10,nonsense@11,gone@12,pixels@15,stall@16");
     const char *const faults[] = {"cut=200000", "flip=100000", "stall=90000", NULL};
     const child cable = child_cable(cable_program, phone, faults);
-    if (run(&q, cable.port, "faults", NULL, &error) != BRACE_OK) {
+    if (run(&q, cable.port, "timeout=2", "faults", NULL, &error) != BRACE_OK) {
         fail_msg("%s\n%s", error.message, sentences);
     }
     assert_int_equal(q.counts.asked, 17); /* for six frames that are kept */
@@ -158,14 +158,14 @@ static void test_resume(void **state) {
     capture_sequence q;
     brace_error error;
     child phone = child_phone(phone_program, "exit@4");
-    assert_int_not_equal(run(&q, phone.port, "resumed", NULL, &error), BRACE_OK);
+    assert_int_not_equal(run(&q, phone.port, NULL, "resumed", NULL, &error), BRACE_OK);
     assert_int_equal(child_end(phone, false), 3);
     assert_non_null(strstr(error.message, "could not be opened again: no phone on port"));
     capture_sequence_free(&q);
     assert_int_equal(files_in("resumed"), 0);
     phone = child_phone(phone_program, NULL);
     const capture_run_params params = {.resume = true};
-    if (run(&q, phone.port, "resumed", &params, &error) != BRACE_OK) {
+    if (run(&q, phone.port, NULL, "resumed", &params, &error) != BRACE_OK) {
         fail_msg("%s", error.message);
     }
     check_sequence(&q, "resumed");
