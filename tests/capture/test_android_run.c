@@ -6,13 +6,10 @@
  *
  *   test_android_run PHONE CABLE BRACE    the three programs
  */
-#include <dirent.h>
-
-#include "capture/capture.h"
+#include "capture_test.h"
 #include "child.h"
 
 static const char *phone_program, *cable_program, *brace_program;
-static char folder[] = "/tmp/brace-test-run-XXXXXX";
 
 static char sentences[16384];
 
@@ -29,7 +26,7 @@ static brace_status run(capture_sequence *q, unsigned port, const char *option, 
                         const capture_run_params *extra, brace_error *error) {
     char text[16], path[128];
     snprintf(text, sizeof text, "%u", port);
-    snprintf(path, sizeof path, "%s/%s", folder, name);
+    snprintf(path, sizeof path, "%s/%s", test_folder, name);
     const capture_address address = {.port = text, .options = &option, .option_count = option != NULL};
     capture_run_params params = extra != NULL ? *extra : (capture_run_params){0};
     params.plan = (capture_plan_params){.time = 1.0 / 240, .iso = 400};
@@ -43,7 +40,7 @@ static brace_status run(capture_sequence *q, unsigned port, const char *option, 
 static unsigned files_in(const char *name) {
     char path[128];
     unsigned n = 0;
-    snprintf(path, sizeof path, "%s/%s", folder, name);
+    snprintf(path, sizeof path, "%s/%s", test_folder, name);
     DIR *d = opendir(path);
     for (struct dirent *e; d != NULL && (e = readdir(d)) != NULL;) {
         n += strcmp(e->d_name, ".") != 0 && strcmp(e->d_name, "..") != 0;
@@ -70,8 +67,8 @@ static int run_brace(const char *const *arguments) {
 /* `brace restore` makes a picture of the folder. */
 static void check_restores(const char *name) {
     char path[128], out[128];
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    snprintf(out, sizeof out, "%s/restored.png", folder);
+    snprintf(path, sizeof path, "%s/%s", test_folder, name);
+    snprintf(out, sizeof out, "%s/restored.png", test_folder);
     const char *arguments[] = {"brace", "restore", path, "-o", out, "--quiet", NULL};
     assert_int_equal(run_brace(arguments), 0);
     assert_int_equal(access(out, R_OK), 0);
@@ -90,7 +87,7 @@ static void check_sequence(const capture_sequence *q, const char *name) {
         assert_true(q->shots[i].report.timestamp >= 0);
         assert_int_equal(q->shots[i].report.orientation, 6);
     }
-    snprintf(path, sizeof path, "%s/%s", folder, name);
+    snprintf(path, sizeof path, "%s/%s", test_folder, name);
     assert_int_equal(capture_check(&checked, path, NULL, &error), BRACE_OK);
     assert_int_equal(checked.problem_count, 0);
     assert_true(checked.restorable && checked.importable);
@@ -179,7 +176,7 @@ static void test_program(void **state) {
     char camera[64], path[128];
     const child phone = child_phone(phone_program, "busy@2,dropped@3");
     snprintf(camera, sizeof camera, "android:%u/0", phone.port);
-    snprintf(path, sizeof path, "%s/program", folder);
+    snprintf(path, sizeof path, "%s/program", test_folder);
     const char *list[] = {"brace", "capture", "list", "--camera", camera, "--quiet", NULL};
     const char *shoot[] = {"brace", "capture", "run", "--camera", camera, "--option", "focus=2.5", "--time",
                            "1/240", "--iso",   "400", "-o",       path,   "--quiet",  NULL};
@@ -191,11 +188,6 @@ static void test_program(void **state) {
     assert_int_equal(child_end(phone, true), 0);
 }
 
-static int make_folder(void **state) {
-    (void)state;
-    return mkdtemp(folder) != NULL ? 0 : -1;
-}
-
 static int remove_folder(void **state) {
     (void)state;
     static const char *const folders[] = {"sound", "faults", "resumed", "program"};
@@ -204,13 +196,13 @@ static int remove_folder(void **state) {
     char path[160];
     for (size_t i = 0; i < sizeof folders / sizeof folders[0]; i++) {
         for (size_t k = 0; k < sizeof files / sizeof files[0]; k++) {
-            snprintf(path, sizeof path, "%s/%s/%s", folder, folders[i], files[k]);
+            snprintf(path, sizeof path, "%s/%s/%s", test_folder, folders[i], files[k]);
             unlink(path);
         }
-        snprintf(path, sizeof path, "%s/%s", folder, folders[i]);
+        snprintf(path, sizeof path, "%s/%s", test_folder, folders[i]);
         rmdir(path);
     }
-    return rmdir(folder); /* fails if anything else was left behind */
+    return rmdir(test_folder); /* fails if anything else was left behind */
 }
 
 int main(int argc, char **argv) {
@@ -228,5 +220,5 @@ int main(int argc, char **argv) {
         cmocka_unit_test(test_resume),
         cmocka_unit_test(test_program),
     };
-    return cmocka_run_group_tests(tests, make_folder, remove_folder);
+    return cmocka_run_group_tests(tests, test_folder_make, remove_folder);
 }
