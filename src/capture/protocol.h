@@ -144,7 +144,7 @@ typedef struct capture_wire_frame {
     uint32_t iso;     /* SENSOR_SENSITIVITY */
     int64_t timestamp; /* SENSOR_TIMESTAMP: start of the first row's exposure, nanoseconds */
     int64_t clock;     /* the same in nanoseconds since 1970, UTC; 0: unknown */
-    int64_t skew;      /* SENSOR_ROLLING_SHUTTER_SKEW, nanoseconds from the first row to one past the last; 0: unknown */
+    int64_t skew;      /* SENSOR_ROLLING_SHUTTER_SKEW, nanoseconds from the first row to past the last; 0: unknown */
     double neutral[3]; /* SENSOR_NEUTRAL_COLOR_POINT; 0, 0, 0: unknown */
     bool has_black;
     double black[4]; /* SENSOR_DYNAMIC_BLACK_LEVEL, as in capture_wire_camera */
