@@ -9,13 +9,14 @@ SAMPLES ?= data
 FUZZ_SECONDS ?= 120
 JOBS ?= $(shell nproc)
 
-.PHONY: all deps build demo check check-slow bench install uninstall clean help
+.PHONY: all deps build demo capture-demo check check-slow bench install uninstall clean help
 
 all: build
 
 help:
 	@echo 'make             build (into $(BUILD))'
 	@echo 'make demo        install what is missing, build, restore the bracket in data/demo'
+	@echo 'make capture-demo  the same, but for a bracket that a simulated camera shoots first'
 	@echo 'make check       install what is missing, build twice (plain, sanitized), run all tests'
 	@echo 'make check-slow  open reports in Chromium (installs it), fuzz for FUZZ_SECONDS=$(FUZZ_SECONDS) seconds a target'
 	@echo 'make bench       quality on the brackets under SAMPLES=$(SAMPLES), time and memory at 12 megapixels'
@@ -35,6 +36,10 @@ build: $(BUILD)/build.ninja
 demo: deps
 	@$(MAKE) --no-print-directory build
 	@scripts/demo.sh $(BUILD)/src/cli/brace
+
+capture-demo: deps
+	@$(MAKE) --no-print-directory build
+	@scripts/capture_demo.sh $(BUILD)/src/cli/brace
 
 check: deps
 	@scripts/check.sh

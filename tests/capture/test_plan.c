@@ -65,7 +65,7 @@ static void any_list(void **state) {
     static const char *const wrong[] = {",",          "1,2,",      "1,2,x",     "1,2,-3",   "1,2,1/0",  "1,2,3@",
                                         "1,2,3@iso",  "1,2,3@0",   "1,2,gt:",   "1,2,3s4",  "1,2,nan",  "1,2,inf",
                                         "1,2,0x10s",  "1,2,1e400", "1,2,3@1@2", "1, 2,4",   "s,s,s",    "1,2,4,gt:8,gt:8",
-                                        "1,2,3600s",  "1,1,1",     "gt:1,2,3",  "1,2,4@iso0.1",
+                                        "1,2,3601s",  "1,1,1",     "gt:1,2,3",  "1,2,4@iso0.1",
                                         "1,2,3,4,5,6,7,8,9,10", "1,2,3,4,5,6,7,8,9,10,gt:11"};
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++)
         if (capture_plan_create(&plan, &(capture_plan_params){.time = 2, .iso = 400, .list = wrong[i]}, NULL, NULL,

@@ -386,7 +386,7 @@ static void memory_ends(void **state) {
     brace_error error;
     const capture_run_params params = {.plan = {.frames = 3}};
     bool through = false;
-    for (long n = 1; n < 4000 && !through; n += n < 40 ? 1 : 17) {
+    for (long n = 1; n < 4000 && !through; n += n < 24 ? 1 : 41) {
         core_alloc_fail_after(n);
         const brace_status status = test_shoot(fresh(), "m", NULL, NULL, "off=all", params, &error);
         through = status == BRACE_OK;
