@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * test_android.c: the back end `android` and the phone's program, each in a process of its own,
- * with a computed phone behind the shim: what arrives in the DNG, what goes wrong
- * on the phone or on the way, and what either does with hostile bytes.
+ * test_android.c: the back end `android` and the phone's program, each in a process
+ * of its own, with a computed phone behind the shim: what arrives in the DNG, what
+ * goes wrong on the phone or on the way, and what either does with hostile bytes.
  *
  *   test_android PHONE CABLE    the two programs
  */
@@ -318,6 +318,34 @@ static void test_cable(void **state) {
         child_end(cable, false);
         assert_int_equal(child_end(phone, true), 0);
     }
+}
+
+/* Ctrl-C while a frame is on its way and the cable is silent: no waiting for the timeout, no file. */
+static volatile int cancelled;
+
+static void on_alarm(int number) {
+    (void)number;
+    cancelled = 1;
+}
+
+static void test_cancel(void **state) {
+    (void)state;
+    char stem[128];
+    const child phone = start_phone(NULL);
+    const child cable = start_cable(phone, "stall=100000");
+    capture_camera *camera = open_good(cable.port);
+    const brace_job job = {.cancel = &cancelled};
+    capture_shot_report report = {.timestamp = -1};
+    snprintf(stem, sizeof stem, "%s/shot", folder);
+    struct sigaction action = {.sa_handler = on_alarm};
+    sigaction(SIGALRM, &action, NULL);
+    alarm(1);
+    assert_int_equal(camera->backend->shoot(camera, 0.004, 200, stem, &report, &job, &error), BRACE_ERROR_CANCELLED);
+    assert_int_equal(report.trouble, CAPTURE_TROUBLE_FINAL);
+    assert_null(load());
+    camera->backend->close(camera, &job);
+    child_end(cable, false);
+    assert_int_equal(child_end(phone, true), 0);
 }
 
 /* ---- a hostile phone ---- */
@@ -762,6 +790,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test(test_phone_lies),
         cmocka_unit_test(test_phone_ends),
         cmocka_unit_test(test_cable),
+        cmocka_unit_test(test_cancel),
         cmocka_unit_test(test_hostile_phone),
         cmocka_unit_test(test_hostile_computer),
         cmocka_unit_test(test_abstract_socket),
