@@ -10,12 +10,12 @@ _brace()
     local raw='@(dng|DNG|3fr|3FR|arw|ARW|cr2|CR2|cr3|CR3|crw|CRW|nef|NEF|nrw|NRW|orf|ORF|pef|PEF|raf|RAF|raw|RAW|rw2|RW2|rwl|RWL|srw|SRW)'
 
     if [[ $COMP_CWORD -eq 1 ]]; then
-        mapfile -t COMPREPLY < <(compgen -W 'restore info analyze metrics simulate dataset bench help --help --version' -- "$cur")
+        mapfile -t COMPREPLY < <(compgen -W 'restore info analyze metrics simulate dataset capture bench help --help --version' -- "$cur")
         return
     fi
     command=${COMP_WORDS[1]}
     if [[ $command == help ]]; then
-        mapfile -t COMPREPLY < <(compgen -W 'restore info analyze metrics simulate dataset bench' -- "$cur")
+        mapfile -t COMPREPLY < <(compgen -W 'restore info analyze metrics simulate dataset capture bench' -- "$cur")
         return
     fi
 
@@ -63,6 +63,27 @@ _brace()
                 build) dataset_options+=' --output --screens --priors --seed --train --test --size --shard --field' ;;
             esac
             mapfile -t COMPREPLY < <(compgen -W "$dataset_options" -- "$cur")
+        else
+            compopt -o filenames
+            mapfile -t COMPREPLY < <(compgen -d -- "$cur")
+        fi
+        return
+    fi
+
+    if [[ $command == capture ]]; then
+        if [[ $COMP_CWORD -eq 2 ]]; then
+            mapfile -t COMPREPLY < <(compgen -W 'list plan run check --help' -- "$cur")
+        elif [[ $prev == --camera || $prev == -c ]]; then
+            mapfile -t COMPREPLY < <(compgen -W "$(brace capture list 2>/dev/null | sed -n 's/^  --camera \([^ ]*\).*/\1/p')" -- "$cur")
+        elif [[ $cur == -* ]]; then
+            local capture_options='--json --quiet --threads --help'
+            local capture_plan=' --camera --option --time --iso --frames --step --no-truth --shots'
+            case ${COMP_WORDS[2]} in
+                list) capture_options+=' --camera --option' ;;
+                plan) capture_options+="$capture_plan --flicker" ;;
+                run) capture_options+="$capture_plan --output --repeat --resume --restart --tries --accept --fault" ;;
+            esac
+            mapfile -t COMPREPLY < <(compgen -W "$capture_options" -- "$cur")
         else
             compopt -o filenames
             mapfile -t COMPREPLY < <(compgen -d -- "$cur")

@@ -344,7 +344,8 @@ static void say_left(const capture_sequence *q, const char *command, bool accept
         cli_error(command, "%zu of %zu shots are good and stay: go on with --resume, or start over with --restart", done,
                   q->shot_count);
     if (done > 0 && q->counts.pixels > 0 && !accept)
-        cli_error(command, "does the screen itself change (a film, a clock)? --accept keeps frames that contradict others");
+        cli_error(command, "does the screen change (a film, a clock), or light up in rare pulses (a tube, a laser)? --accept "
+                           "keeps frames that contradict others");
 }
 
 static int shoot_repeats(const char *command, const arguments *a) {
