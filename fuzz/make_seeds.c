@@ -2,13 +2,15 @@
 /*
  * make_seeds.c: small sound files of every kind that the fuzz targets start from.
  *
- *   make_seeds RAW_FOLDER PICTURE_FOLDER SAFETENSORS_FOLDER
+ *   make_seeds RAW_FOLDER PICTURE_FOLDER SAFETENSORS_FOLDER PROTOCOL_FOLDER
  */
 #include <stdio.h>
 #include <string.h>
 
 #include "brace/brace.h"
 #include "core/safetensors.h"
+
+#include "../tests/capture/samples.h"
 
 static brace_error error;
 
@@ -116,14 +118,33 @@ static int make_tensors(const char *folder) {
     return core_safetensors_commit(writer, &error) != BRACE_OK ? fail() : 0;
 }
 
+static int make_messages(const char *folder) {
+    for (int i = 0; i < SAMPLES; i++) {
+        static uint8_t bytes[4096];
+        char path[4096];
+        const capture_message m = sample(i);
+        const size_t n = capture_message_write(&m, bytes, sizeof bytes);
+        snprintf(path, sizeof path, "%s/%s", folder, capture_wire_name((unsigned)m.type));
+        FILE *f = fopen(path, "wb");
+        if (f == NULL || fwrite(bytes, 1, n, f) != n || fclose(f) != 0) {
+            fprintf(stderr, "make_seeds: cannot write %s\n", path);
+            return 1;
+        }
+    }
+    return 0;
+}
+
 int main(int argc, char **argv) {
-    if (argc != 4) {
-        fprintf(stderr, "usage: make_seeds RAW_FOLDER PICTURE_FOLDER SAFETENSORS_FOLDER\n");
+    if (argc != 5) {
+        fprintf(stderr, "usage: make_seeds RAW_FOLDER PICTURE_FOLDER SAFETENSORS_FOLDER PROTOCOL_FOLDER\n");
         return 2;
     }
     int code = make_raw(argv[1]);
     if (code == 0) {
         code = make_pictures(argv[2]);
     }
-    return code != 0 ? code : make_tensors(argv[3]);
+    if (code == 0) {
+        code = make_tensors(argv[3]);
+    }
+    return code != 0 ? code : make_messages(argv[4]);
 }

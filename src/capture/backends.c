@@ -11,6 +11,7 @@ const capture_backend *const capture_backends[] = {
 #ifdef CAPTURE_HAVE_GPHOTO2
     &capture_backend_gphoto2,
 #endif
+    &capture_backend_android,
     NULL,
 };
 
