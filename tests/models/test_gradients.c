@@ -5,7 +5,6 @@
  * begins with zeros, and buffers filled with NaN as soon as they are dead.
  */
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "models_test.h"
