@@ -1,9 +1,9 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
-# TMRNet at paper size on 5 frames of SIZE packed pixels, forward and a step of training, in BRACE and in PyTorch, in one
-# run: prints a Markdown table. Both take turns. That both compute the same is for tests/models.
-# Usage: bench/tmrnet.sh [BUILD [OPTION...]]      OPTION of brace bench model; SIZE=WxH, THREADS, PYTHON from the environment.
-# With THREADS=1 CPU time counts, which others' programs disturb less.
+# TMRNet at paper size on 5 frames of SIZE packed pixels, forward and a step of training, in BRACE and in PyTorch, in
+# one run: prints a Markdown table. That both compute the same is for tests/models.
+# Usage: bench/tmrnet.sh [BUILD [OPTION...]]      OPTION of brace bench model; from the environment SIZE=WxH, PYTHON,
+# and THREADS: of one CPU time counts, which other programs disturb less.
 set -euo pipefail
 here=$(dirname "$0")
 build=${1:-build/release}

@@ -17,7 +17,7 @@ typedef struct tensors {
     nn_pth *pth; /* one of them */
 } tensors;
 
-/* A zip archive or a pickle. Read as the length of a header, with which safetensors begin, these are more than allowed. */
+/* A zip archive or a pickle. As the length of a header, with which safetensors begin, these are more than allowed. */
 static bool is_torch(const char *path) {
     unsigned char start[4] = {0};
     FILE *f = fopen(path, "rb");

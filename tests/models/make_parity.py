@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes parity.safetensors and tmrnet.pth.gz: what networks.py computes for small networks, forward and backward.
 
-All numbers that go in come from a formula that test_parity.c has too, so that only results are stored. For each network:
-its shape as JSON in the metadata, the result "NAME/y", and for the loss sum(y r) of each parameter's gradient g, as
-"NAME/g.PARAMETER": |g|, sum(g r), and eight numbers of it. Computed in double. tmrnet.pth.gz is the state dict of the
+All numbers that go in come from a formula that test_parity.c has too, so that only results are stored. For each
+network: its shape as JSON in the metadata, the result "NAME/y", and for the loss sum(y r) of each parameter's gradient
+g, as "NAME/g.PARAMETER": |g|, sum(g r), and eight numbers of it. Computed in double. tmrnet.pth.gz is the state dict of the
 network "tmrnet" as its authors save it, packed: its numbers repeat themselves.
 Needs python3-torch and python3-torchvision. Run in this folder.
 """

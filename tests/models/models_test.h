@@ -17,16 +17,16 @@
 double test_number(const char *name, size_t i);
 void test_ok(brace_status status, const brace_error *error);
 
-/* A graph of a network with the inputs of models_inputs and, if it is to be trained, a loss: the sum of the result times
- * test_number("r", i). Not planned yet. */
+/* A graph of a network with the inputs of models_inputs and, if it is to be trained, a loss: the sum of the result
+ * times test_number("r", i). Not planned yet. */
 typedef struct test_network {
     nn_weights *weights;
     nn_graph *g;
     models_inputs in;
     nn_value y, loss;
 } test_network;
-brace_status test_network_build(test_network *out, const models_shape *shape, int h, int w, const nn_graph_params *params,
-                                bool train, brace_error *error);
+brace_status test_network_build(test_network *out, const models_shape *shape, int h, int w,
+                                const nn_graph_params *params, bool train, brace_error *error);
 void test_network_destroy(test_network *network);
 nn_value test_loss(nn_graph *g, nn_value y);
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SPyNet, TMRNet and BRACE in PyTorch, for comparison only: what make_parity.py and bench/tmrnet_pytorch.py compute with.
+"""SPyNet, TMRNet and BRACE in PyTorch, for comparison only: make_parity.py and bench/tmrnet_pytorch.py compute with it.
 
 Written from docs/model.md, not from the C code; names of parameters are those of the published checkpoints. Tensors are
 N x C x H x W as usual in PyTorch.

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * test_shapes.c: the networks by name and by JSON; what cannot be built is refused with a sentence; every lack of memory
- * gives an error and no leak.
+ * test_shapes.c: the networks by name and by JSON; what cannot be built is refused with a sentence; every lack of
+ * memory gives an error and no leak.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -51,8 +51,8 @@ static brace_status read_text(models_shape *shape, const char *text, brace_error
     return status;
 }
 
-static const models_shape every = {.frames = 7, .channels = 24, .unshuffle = 4, .extract = 11, .global = 12, .frame = 13,
-                                   .reconstruct = 14, .offset = 15, .groups = 6, .strip = 17};
+static const models_shape every = {.frames = 7, .channels = 24, .unshuffle = 4, .extract = 11, .global = 12,
+                                   .frame = 13, .reconstruct = 14, .offset = 15, .groups = 6, .strip = 17};
 
 static void test_round_trip(void **state) {
     (void)state;
@@ -162,8 +162,8 @@ static size_t count_parameters(const char *name) {
     return count;
 }
 
-/* Those of the published TMRNet, SPyNet's 1,440,300 among them; and MSCAM's: 16x64+64 and 64x64+64 of the prior, 64x64+64
- * and 64x64 of the tokens, 64x64+64 and 64x128+128 of gamma and beta. */
+/* Those of the published TMRNet, SPyNet's 1,440,300 among them; and MSCAM's: 16x64+64 and 64x64+64 of the prior,
+ * 64x64+64 and 64x64 of the tokens, 64x64+64 and 64x128+128 of gamma and beta. */
 static void test_paper_size(void **state) {
     (void)state;
     assert_int_equal(count_parameters("tmrnet"), 13285704);
@@ -194,8 +194,10 @@ static void test_wrong_inputs(void **state) {
     (void)state;
     models_shape s = test_shape();
     s.unshuffle = 2;
-    cannot(&s, (nn_shape){5, 15, 16, 8}, (nn_shape){5, 15, 16, 2}, "a picture of 16 x 15; the network takes multiples of 2");
-    cannot(&s, (nn_shape){5, 16, 13, 8}, (nn_shape){5, 16, 13, 2}, "a picture of 13 x 16; the network takes multiples of 2");
+    cannot(&s, (nn_shape){5, 15, 16, 8}, (nn_shape){5, 15, 16, 2},
+           "a picture of 16 x 15; the network takes multiples of 2");
+    cannot(&s, (nn_shape){5, 16, 13, 8}, (nn_shape){5, 16, 13, 2},
+           "a picture of 13 x 16; the network takes multiples of 2");
     s.unshuffle = 4;
     s.groups = 0;
     cannot(&s, (nn_shape){5, 16, 14, 8}, (nn_shape){5, 16, 14, 2}, "multiples of 4");
