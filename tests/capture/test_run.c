@@ -363,8 +363,10 @@ static void cancel_at(void *user, const capture_event *event) {
 static void cancelled(void **state) {
     (void)state;
     brace_error error;
-    static const char *const options[] = {"size=192x144"};
-    const capture_address address = {.options = options, .option_count = 1};
+    char screen[PATH_MAX + 8];
+    snprintf(screen, sizeof screen, "screen=%s", test_screen);
+    const char *const options[] = {"size=192x144", screen};
+    const capture_address address = {.options = options, .option_count = 2};
     int left = 3;
     const capture_run_params params = {.event = cancel_at, .user = &left};
     const brace_job job = {.threads = 1, .cancel = &cancel_flag};
@@ -444,5 +446,5 @@ int main(void) {
     const struct CMUnitTest tests[] = {T(the_same_bytes),   T(every_fault),      T(kept_on_demand),        T(an_averaged_truth),
                                        T(what_comes_after), T(killed_and_resumed), T(what_resuming_refuses), T(cancelled),
                                        T(memory_ends),      T(folders_of_others)};
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    return cmocka_run_group_tests(tests, test_screen_make, test_screen_remove);
 }
