@@ -89,7 +89,8 @@ static inline int test_screen_make(void **state) {
     brace_image *large = NULL, *small = NULL;
     char path[PATH_MAX];
     snprintf(test_screen, sizeof test_screen, "/tmp/brace-capture-screen-%d.png", (int)getpid());
-    snprintf(path, sizeof path, "%s/screens/000009_static.webp", getenv("BRACE_DATA") != NULL ? getenv("BRACE_DATA") : "data");
+    snprintf(path, sizeof path, "%s/screens/000009_static.webp",
+             getenv("BRACE_DATA") != NULL ? getenv("BRACE_DATA") : "data");
     brace_status status = sim_screen_read(&large, NULL, path, NULL, NULL);
     if (status == BRACE_OK)
         status = brace_image_resize(&small, large, 384, 216, NULL);
