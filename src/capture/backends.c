@@ -67,8 +67,8 @@ brace_status capture_option_unknown(const capture_address *address, const char *
             snprintf(names + used, sizeof names - used, "%s%s", k > 0 ? ", " : "", known[k]);
         }
         if (!found) {
-            return core_fail(error, BRACE_ERROR_ARGUMENT, "the %s camera has no option '%s'; NAME=VALUE of: %s", backend,
-                             address->options[i], names[0] != '\0' ? names : "none");
+            return core_fail(error, BRACE_ERROR_ARGUMENT, "the %s camera has no option '%s'; NAME=VALUE of: %s",
+                             backend, address->options[i], names[0] != '\0' ? names : "none");
         }
     }
     return BRACE_OK;

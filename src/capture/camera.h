@@ -75,9 +75,9 @@ typedef struct capture_shot_report {
     /* As the device says it, 0 where it does not. The file's EXIF is compared with it by the core. */
     double exposure; /* seconds */
     double iso;
-    int64_t timestamp; /* nanoseconds, start of the first row's exposure, on any clock of the device that does not jump
-                        * during a sequence; < 0: unknown */
-    double skew;       /* rolling shutter of this frame: as capture_limits.readout; 0: unknown */
+    int64_t timestamp;  /* nanoseconds, start of the first row's exposure, on any clock of the device that does not jump
+                         * during a sequence; < 0: unknown */
+    double skew;        /* rolling shutter of this frame: as capture_limits.readout; 0: unknown */
     double noise[3][2]; /* R, G, B: variance = noise[c][0] x + noise[c][1] for a signal x on [0, 1] */
     bool has_noise;
     int orientation;   /* EXIF 1 to 8; 0: unknown */

@@ -65,9 +65,9 @@ brace_status capture_plan_create(capture_plan *out, const capture_plan_params *p
 /* The stop nearest to `wanted` by ratio; without stops `wanted` within [low, high]. */
 double capture_nearest(double wanted, const double *stops, size_t count, double low, double high);
 
-double capture_step_ev(const capture_plan *plan, size_t step);  /* time x ISO against the reference's, EV */
+double capture_step_ev(const capture_plan *plan, size_t step); /* time x ISO against the reference's, EV */
 double capture_plan_seconds(const capture_plan *plan, const capture_limits *limits); /* at least, without transfers */
-size_t capture_plan_shots(const capture_plan *plan);            /* exposures, those to be averaged counted each */
+size_t capture_plan_shots(const capture_plan *plan); /* exposures, those to be averaged counted each */
 
 /* Numbers the steps and finds the reference; plan.steps and plan.count are set. */
 void capture_plan_number(capture_plan *plan);
@@ -90,9 +90,9 @@ typedef struct capture_probe {
     double exposure, iso;   /* what it should be */
     double light;           /* relative signal that it should have: exposure * iso / f-number^2 */
     uint32_t width, height; /* of the frame */
-    brace_frame *sample;    /* at most about 200,000 blocks of 2x2, with the frame's levels, camera and shot data; owned */
-    double clipped;         /* share of its samples at white */
-    int tries;              /* how often this one has been shot */
+    brace_frame *sample; /* at most about 200,000 blocks of 2x2, with the frame's levels, camera and shot data; owned */
+    double clipped;      /* share of its samples at white */
+    int tries;           /* how often this one has been shot */
 } capture_probe;
 
 brace_status capture_probe_create(capture_probe *out, const brace_frame *frame, const char *name, double exposure,
@@ -120,8 +120,8 @@ capture_comparison capture_compare(const capture_probe *a, const capture_probe *
 
 /* Looks for the frames that lie among `count` probes (at most 32): those outside the largest set that agrees with
  * itself. Of two that contradict each other with nobody to decide, the one that was shot fewer times, then the later.
- * Returns its index, or -1; `why` says what is wrong with it. *doubtful: it is only darker than it should be, and shorter
- * than 1/50 s, so it may have fallen between two pulses of the display: worth another try, no proof. */
+ * Returns its index, or -1; `why` says what is wrong with it. *doubtful: it is only darker than it should be, and
+ * shorter than 1/50 s, so it may have fallen between two pulses of the display: worth another try, no proof. */
 int capture_find_liar(const capture_probe *probes, size_t count, bool *doubtful, char *why, size_t size);
 
 /* Of white: the power of two that all but a thousandth of the samples stay below; at least 1/128. */
@@ -134,8 +134,8 @@ brace_status capture_motion(brace_motion *out, const brace_frame *fixed, const b
 /* ---- average.c ---- */
 
 /* The mean of frames of one exposure: raw units are scaled up by a whole number so that fractions are kept in 16 bits;
- * exposure time is the sum, ISO and noise are divided by the number. Frames must be alike (BRACE_ERROR_MISMATCH). One is
- * added at a time. */
+ * exposure time is the sum, ISO and noise are divided by the number. Frames must be alike (BRACE_ERROR_MISMATCH). One
+ * is added at a time. */
 typedef struct capture_average capture_average;
 brace_status capture_average_add(capture_average **average, const brace_frame *frame, brace_error *error);
 brace_status capture_average_finish(brace_frame **out, const capture_average *average, brace_error *error);
@@ -147,23 +147,23 @@ void capture_average_destroy(capture_average *average);
 
 /* One file of a sequence. */
 typedef struct capture_shot {
-    size_t step;             /* of the plan */
-    int part;                /* 1, 2, ... of a step that has several shots; 0: of one */
+    size_t step; /* of the plan */
+    int part;    /* 1, 2, ... of a step that has several shots; 0: of one */
     bool done;
-    int tries;               /* exposures that it took */
-    char file[64];           /* inside the folder: "frame_3.dng", "parts/gt_2.dng" */
+    int tries;     /* exposures that it took */
+    char file[64]; /* inside the folder: "frame_3.dng", "parts/gt_2.dng" */
     uint64_t bytes;
     char sha256[65];
     capture_shot_report report;
     double exif_exposure, exif_iso; /* what the file says; 0: nothing */
-    double ev;               /* signal against the plan, relative to the reference; NaN: unknown */
-    bool accepted;           /* it contradicts the others, or is dark, and was kept all the same */
+    double ev;                      /* signal against the plan, relative to the reference; NaN: unknown */
+    bool accepted;                  /* it contradicts the others, or is dark, and was kept all the same */
 } capture_shot;
 
 /* How often what happened. */
 typedef struct capture_counts {
-    uint64_t asked;    /* calls of the shutter, also in vain */
-    uint64_t busy, dropped, reopened; /* times that the device was busy, a frame was lost, the device was gone */
+    uint64_t asked;                        /* calls of the shutter, also in vain */
+    uint64_t busy, dropped, reopened;      /* times that the device was busy, a frame was lost, the device was gone */
     uint64_t unreadable, metadata, pixels; /* frames that were shot again: file damaged, EXIF wrong, light wrong */
 } capture_counts;
 
@@ -211,12 +211,13 @@ typedef struct capture_event {
 /* All zeros mean the defaults. */
 typedef struct capture_run_params {
     capture_plan_params plan;
-    bool resume;     /* go on with the interrupted sequence that is there; none there: an error */
-    bool own_plan;   /* on resuming, `plan` must be the interrupted one's; otherwise it is not looked at */
-    bool restart;    /* throw an interrupted sequence away */
-    bool accept;     /* keep frames that still contradict the plan after the last try, and say so in sequence.json */
-    int tries;       /* of each shot before it is given up; 0: 4 */
-    double backoff;  /* seconds to wait when the device is busy the first time, then twice as long, up to 32 times; 0: 0.1 */
+    bool resume;    /* go on with the interrupted sequence that is there; none there: an error */
+    bool own_plan;  /* on resuming, `plan` must be the interrupted one's; otherwise it is not looked at */
+    bool restart;   /* throw an interrupted sequence away */
+    bool accept;    /* keep frames that still contradict the plan after the last try, and say so in sequence.json */
+    int tries;      /* of each shot before it is given up; 0: 4 */
+    double backoff; /* seconds to wait when the device is busy the first time, then twice as long, up to 32 times; 0:
+                       0.1 */
     void (*event)(void *user, const capture_event *event);
     void *user;
 } capture_run_params;
@@ -247,16 +248,16 @@ typedef struct capture_checked {
     bool has_sequence;                               /* sequence.json was there and was compared */
     bool has_motion;
     brace_motion motion;
-    bool restorable;        /* `brace restore` takes the bracket */
-    bool importable;        /* `brace dataset import` takes the folder */
+    bool restorable;          /* `brace restore` takes the bracket */
+    bool importable;          /* `brace dataset import` takes the folder */
     char not_importable[512]; /* why not */
     size_t problem_count, remark_count;
     char *problems[CAPTURE_PROBLEMS_MAX]; /* what is wrong; owned */
     char *remarks[CAPTURE_PROBLEMS_MAX];  /* what could be better; owned */
 } capture_checked;
 
-/* Looks at the RAW files of a folder. BRACE_OK also when they are bad: that is told in *out, which the caller frees with
- * capture_checked_free in either case. */
+/* Looks at the RAW files of a folder. BRACE_OK also when they are bad: that is told in *out, which the caller frees
+ * with capture_checked_free in either case. */
 brace_status capture_check(capture_checked *out, const char *folder, const brace_job *job, brace_error *error);
 void capture_checked_free(capture_checked *checked);
 

@@ -55,8 +55,8 @@ static void on_note(void *user, const char *message) {
 /* ---- which files ---- */
 
 static bool is_raw(const char *name) {
-    static const char *const ends[] = {"dng", "3fr", "arw", "cr2", "cr3", "crw", "erf", "iiq", "kdc", "mef", "nef",
-                                       "nrw", "orf", "pef", "raf", "raw", "rw2", "rwl", "srw"};
+    static const char *const ends[] = {"dng", "3fr", "arw", "cr2", "cr3", "crw", "erf", "iiq", "kdc", "mef",
+                                       "nef", "nrw", "orf", "pef", "raf", "raw", "rw2", "rwl", "srw"};
     const char *dot = strrchr(name, '.');
     for (size_t i = 0; dot != NULL && name[0] != '.' && i < sizeof ends / sizeof *ends; i++)
         if (strcasecmp(dot + 1, ends[i]) == 0)
@@ -92,8 +92,8 @@ static brace_status find_files(checker *c, brace_error *error) {
     }
     free(names);
     if (status == BRACE_OK && found == 0)
-        status = core_fail(error, BRACE_ERROR_IO, "%s: there are no RAW files in this folder (.dng, .cr3, .nef, .arw, ...)",
-                           c->folder);
+        status = core_fail(error, BRACE_ERROR_IO,
+                           "%s: there are no RAW files in this folder (.dng, .cr3, .nef, .arw, ...)", c->folder);
     if (status == BRACE_OK && found > CAPTURE_CHECK_FILES)
         problem(c, "%zu RAW files: a capture has at most ten; only the first %d were looked at", found,
                 CAPTURE_CHECK_FILES);
@@ -279,7 +279,8 @@ static void check_import(checker *c, size_t frames) {
         }
     }
     if (!about(t->exposure / r->exposure, 8) || !about(t->iso / r->iso, 0.125)) {
-        snprintf(why, size, "%s, the truth, has %.3g times the reference's exposure time at %.3g of its ISO, not 8 at 1/8",
+        snprintf(why, size,
+                 "%s, the truth, has %.3g times the reference's exposure time at %.3g of its ISO, not 8 at 1/8",
                  t->name, t->exposure / r->exposure, t->iso / r->iso);
         return;
     }

@@ -34,7 +34,8 @@ const char *capture_time_text(char out[32], double seconds) {
     if (!(seconds > 0))
         snprintf(out, 32, "?");
     else if (seconds < 0.3)
-        snprintf(out, 32, fabs(1 / seconds - round(1 / seconds)) < 0.005 / seconds || seconds < 0.01 ? "1/%.0f s" : "1/%.1f s",
+        snprintf(out, 32,
+                 fabs(1 / seconds - round(1 / seconds)) < 0.005 / seconds || seconds < 0.01 ? "1/%.0f s" : "1/%.1f s",
                  1 / seconds);
     else
         snprintf(out, 32, "%.3g s", seconds);
@@ -110,13 +111,16 @@ static brace_status parse_item(capture_step *out, const char *item, const char *
         out->wanted_iso = absolute ? k : k * iso;
     }
     if (!good)
-        return core_fail(error, BRACE_ERROR_ARGUMENT,
-                         "'%.*s' in the list of shots is none: TIME or TIME@ISO, such as 4, 1/50s, 8@1/8, 1/20s@iso100, "
-                         "or gt:8@1/8 for the truth",
-                         (int)fmin((double)(end - start), 60), start);
+        return core_fail(
+            error, BRACE_ERROR_ARGUMENT,
+            "'%.*s' in the list of shots is none: TIME or TIME@ISO, such as 4, 1/50s, 8@1/8, 1/20s@iso100, "
+            "or gt:8@1/8 for the truth",
+            (int)fmin((double)(end - start), 60), start);
     out->wanted_exposure = seconds ? t : t * time;
-    if (!(out->wanted_exposure >= 1e-7 && out->wanted_exposure <= 3600 && out->wanted_iso >= 1 && out->wanted_iso <= 1e7))
-        return core_fail(error, BRACE_ERROR_ARGUMENT, "'%.*s' in the list of shots comes to %g s at ISO %g: out of range",
+    if (!(out->wanted_exposure >= 1e-7 && out->wanted_exposure <= 3600 && out->wanted_iso >= 1 &&
+          out->wanted_iso <= 1e7))
+        return core_fail(error, BRACE_ERROR_ARGUMENT,
+                         "'%.*s' in the list of shots comes to %g s at ISO %g: out of range",
                          (int)fmin((double)(end - start), 60), start, out->wanted_exposure, out->wanted_iso);
     return BRACE_OK;
 }
@@ -131,8 +135,8 @@ static brace_status parse_list(capture_plan *out, const char *list, double time,
             return status;
         truths += step.truth;
         if (out->count == CAPTURE_STEPS_MAX || truths > 1 || out->count - truths + 1 > CAPTURE_FRAMES_MAX)
-            return core_fail(error, BRACE_ERROR_ARGUMENT, "the list of shots is too long: %d frames and one truth at most",
-                             CAPTURE_FRAMES_MAX);
+            return core_fail(error, BRACE_ERROR_ARGUMENT,
+                             "the list of shots is too long: %d frames and one truth at most", CAPTURE_FRAMES_MAX);
         out->steps[out->count++] = step;
         if (*end == '\0')
             return BRACE_OK;
@@ -144,8 +148,8 @@ static void paper_list(capture_plan *out, const capture_plan_params *p, double t
     const int frames = p->frames > 0 ? p->frames : 5;
     const double step = p->step > 0 ? p->step : 4;
     for (int i = frames - 1; i >= 0; i--)
-        out->steps[out->count++] = (capture_step){
-            .wanted_exposure = time * pow(step, i - frames / 2), .wanted_iso = iso, .shots = 1};
+        out->steps[out->count++] =
+            (capture_step){.wanted_exposure = time * pow(step, i - frames / 2), .wanted_iso = iso, .shots = 1};
     if (!p->no_truth)
         out->steps[out->count++] =
             (capture_step){.truth = true, .wanted_exposure = 8 * time, .wanted_iso = iso / 8, .shots = 1};
@@ -168,7 +172,8 @@ static void fit_truth(capture_step *s, const capture_limits *l) {
     const double total = s->wanted_exposure, product = s->wanted_exposure * s->wanted_iso;
     for (int n = 1; n <= CAPTURE_AVERAGE_MAX; n++) {
         set_nearest(s, total / n, s->wanted_iso * n, l);
-        s->exposure = capture_nearest(product / s->iso, l->exposures, l->exposure_count, l->exposure_min, l->exposure_max);
+        s->exposure =
+            capture_nearest(product / s->iso, l->exposures, l->exposure_count, l->exposure_min, l->exposure_max);
         s->shots = n;
         if (near(s->exposure * n, total, NEAR_EV) && near(light(s), product, NEAR_EV))
             return;
@@ -181,11 +186,12 @@ static void say(const capture_step *s, const brace_job *job) {
     char name[32], a[32], b[32];
     capture_step_name(name, s);
     if (s->shots > 1)
-        core_note(job,
-                  "%s: ISO %g for %s is not to be had; the mean of %d shots of %s at ISO %g takes its place. Bands average "
-                  "out in it less than in one long exposure",
-                  name, s->wanted_iso, capture_time_text(a, s->wanted_exposure), s->shots,
-                  capture_time_text(b, s->exposure), s->iso);
+        core_note(
+            job,
+            "%s: ISO %g for %s is not to be had; the mean of %d shots of %s at ISO %g takes its place. Bands average "
+            "out in it less than in one long exposure",
+            name, s->wanted_iso, capture_time_text(a, s->wanted_exposure), s->shots, capture_time_text(b, s->exposure),
+            s->iso);
     else if (!near(s->exposure, s->wanted_exposure, SAME_EV) || !near(s->iso, s->wanted_iso, SAME_EV))
         core_note(job, "%s: %s at ISO %g instead of %s at ISO %g, the nearest that the camera can do", name,
                   capture_time_text(a, s->exposure), s->iso, capture_time_text(b, s->wanted_exposure), s->wanted_iso);
@@ -196,11 +202,13 @@ static void drop_equal(capture_plan *plan, const brace_job *job) {
     for (size_t i = 0; i < plan->count; i++)
         for (size_t k = 0; k < i; k++) {
             const capture_step *a = &plan->steps[k], *b = &plan->steps[i];
-            const bool meant = near(a->wanted_exposure, b->wanted_exposure, SAME_EV) && near(a->wanted_iso, b->wanted_iso, SAME_EV);
+            const bool meant =
+                near(a->wanted_exposure, b->wanted_exposure, SAME_EV) && near(a->wanted_iso, b->wanted_iso, SAME_EV);
             if (a->truth || b->truth || meant || a->exposure != b->exposure || a->iso != b->iso)
                 continue;
             /* The one that is farther from what it was to be goes. */
-            const double off_a = fabs(log(a->exposure / a->wanted_exposure)), off_b = fabs(log(b->exposure / b->wanted_exposure));
+            const double off_a = fabs(log(a->exposure / a->wanted_exposure)),
+                         off_b = fabs(log(b->exposure / b->wanted_exposure));
             const size_t out = off_a > off_b ? k : i;
             char t[32], u[32];
             core_note(job, "the frame of %s is left out: the camera's nearest, %s, is in the plan already",
@@ -221,7 +229,8 @@ void capture_plan_number(capture_plan *plan) {
         capture_step *s = &plan->steps[i];
         s->number = s->truth ? 0 : 1;
         for (size_t k = 0; k < plan->count && !s->truth; k++)
-            if (!plan->steps[k].truth && (light(&plan->steps[k]) < light(s) || (light(&plan->steps[k]) == light(s) && k < i)))
+            if (!plan->steps[k].truth &&
+                (light(&plan->steps[k]) < light(s) || (light(&plan->steps[k]) == light(s) && k < i)))
                 s->number++;
         if (!s->truth && s->number == (int)(frames - 1) / 2 + 1)
             plan->reference = i;
@@ -230,12 +239,14 @@ void capture_plan_number(capture_plan *plan) {
 
 static brace_status check_params(const capture_plan_params *p, brace_error *error) {
     if (p->frames != 0 && (p->frames < BRACE_BRACKET_MIN || p->frames > CAPTURE_FRAMES_MAX))
-        return core_fail(error, BRACE_ERROR_ARGUMENT, "%d frames are no bracket: %d to %d", p->frames, BRACE_BRACKET_MIN,
-                         CAPTURE_FRAMES_MAX);
+        return core_fail(error, BRACE_ERROR_ARGUMENT, "%d frames are no bracket: %d to %d", p->frames,
+                         BRACE_BRACKET_MIN, CAPTURE_FRAMES_MAX);
     if (p->step != 0 && !(p->step >= 1.1 && p->step <= 64))
-        return core_fail(error, BRACE_ERROR_ARGUMENT, "a step of %g from frame to frame is out of range 1.1 to 64", p->step);
+        return core_fail(error, BRACE_ERROR_ARGUMENT, "a step of %g from frame to frame is out of range 1.1 to 64",
+                         p->step);
     if (p->time != 0 && !(p->time >= 1e-6 && p->time <= 60))
-        return core_fail(error, BRACE_ERROR_ARGUMENT, "a reference exposure of %g s is out of range 1e-6 to 60", p->time);
+        return core_fail(error, BRACE_ERROR_ARGUMENT, "a reference exposure of %g s is out of range 1e-6 to 60",
+                         p->time);
     if (p->iso != 0 && !(p->iso >= 1 && p->iso <= 1e6))
         return core_fail(error, BRACE_ERROR_ARGUMENT, "ISO %g is out of range 1 to 1000000", p->iso);
     return BRACE_OK;
@@ -273,11 +284,11 @@ brace_status capture_plan_create(capture_plan *out, const capture_plan_params *p
         }
     if (frames < BRACE_BRACKET_MIN || !(high / low > 1.05)) {
         char a[32], b[32];
-        return core_fail(error, p->list != NULL && limits == NULL ? BRACE_ERROR_ARGUMENT : BRACE_ERROR_UNSUPPORTED,
-                         "%zu different exposures are left: a bracket needs %d (the camera does %s to %s; choose another "
-                         "time for the reference, or a smaller step)",
-                         frames, BRACE_BRACKET_MIN, capture_time_text(a, l->exposure_min),
-                         capture_time_text(b, l->exposure_max));
+        return core_fail(
+            error, p->list != NULL && limits == NULL ? BRACE_ERROR_ARGUMENT : BRACE_ERROR_UNSUPPORTED,
+            "%zu different exposures are left: a bracket needs %d (the camera does %s to %s; choose another "
+            "time for the reference, or a smaller step)",
+            frames, BRACE_BRACKET_MIN, capture_time_text(a, l->exposure_min), capture_time_text(b, l->exposure_max));
     }
     capture_plan_number(out);
     for (size_t i = 0; i < out->count; i++) {

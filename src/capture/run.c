@@ -19,8 +19,7 @@ enum { BUSY_MOST = 12, REOPEN_MOST = 6 };
 
 static void tell(const capture_session *s, const capture_shot *shot, const char *message) {
     if (s->params->event != NULL)
-        s->params->event(s->params->user,
-                         &(capture_event){.sequence = s->sequence, .shot = shot, .message = message});
+        s->params->event(s->params->user, &(capture_event){.sequence = s->sequence, .shot = shot, .message = message});
 }
 
 /* A mishap: kept in sequence.json, too. */
@@ -91,8 +90,9 @@ static brace_status release(capture_session *s, capture_shot *shot, const char *
             return BRACE_OK;
         }
         const char *message = problem.message;
-        const capture_trouble trouble =
-            status == BRACE_ERROR_CANCELLED || status == BRACE_ERROR_MEMORY ? CAPTURE_TROUBLE_FINAL : shot->report.trouble;
+        const capture_trouble trouble = status == BRACE_ERROR_CANCELLED || status == BRACE_ERROR_MEMORY
+                                            ? CAPTURE_TROUBLE_FINAL
+                                            : shot->report.trouble;
         brace_status next = BRACE_OK;
         switch (trouble) {
         case CAPTURE_TROUBLE_BUSY:
@@ -123,7 +123,8 @@ static brace_status release(capture_session *s, capture_shot *shot, const char *
 
 /* ---- is it what it was to be ---- */
 
-static brace_status same_kind(const capture_session *s, const brace_frame *frame, const char *name, brace_error *error) {
+static brace_status same_kind(const capture_session *s, const brace_frame *frame, const char *name,
+                              brace_error *error) {
     for (size_t i = 0; i < s->sequence->shot_count; i++) {
         const capture_probe *p = &s->probes[i];
         if (p->sample != NULL && (frame->width != p->width || frame->height != p->height ||
@@ -323,8 +324,8 @@ static brace_status conclude(capture_session *s, brace_error *error) {
         if (!q->plan.steps[step].truth)
             continue;
         const capture_shot *shot = shot_of_step(q, step, &t);
-        status = q->plan.steps[step].shots > 1 ? average(s, step, &truth, error)
-                                               : read_back(&truth, s, shot->file, error);
+        status =
+            q->plan.steps[step].shots > 1 ? average(s, step, &truth, error) : read_back(&truth, s, shot->file, error);
         if (status == BRACE_OK)
             status = read_back(&fixed, s, reference->file, error);
         if (status == BRACE_OK)
@@ -370,16 +371,18 @@ static brace_status prepare(capture_session *s, brace_error *error) {
         return status;
     if (s->resumed) {
         if (strcmp(q->make, l->make) != 0 || strcmp(q->model, l->model) != 0)
-            return core_fail(error, BRACE_ERROR_MISMATCH, "the interrupted sequence was shot with a %s %s, this is a %s %s",
-                             q->make, q->model, l->make, l->model);
+            return core_fail(error, BRACE_ERROR_MISMATCH,
+                             "the interrupted sequence was shot with a %s %s, this is a %s %s", q->make, q->model,
+                             l->make, l->model);
         bool same = !s->params->own_plan || plan.count == q->plan.count;
         for (size_t i = 0; same && s->params->own_plan && i < plan.count; i++) {
             const capture_step *a = &plan.steps[i], *b = &q->plan.steps[i];
             same = a->truth == b->truth && a->exposure == b->exposure && a->iso == b->iso && a->shots == b->shots;
         }
         if (!same)
-            return core_fail(error, BRACE_ERROR_ARGUMENT, "the interrupted sequence has another plan: go on with it without "
-                                                          "giving one, or start over");
+            return core_fail(error, BRACE_ERROR_ARGUMENT,
+                             "the interrupted sequence has another plan: go on with it without "
+                             "giving one, or start over");
     } else {
         capture_sequence_init(q, &plan);
         snprintf(q->backend, sizeof q->backend, "%s", s->backend->name);

@@ -30,8 +30,9 @@ brace_status session_tidy(capture_session *s, brace_error *error);
 /* Writes sequence.json. */
 brace_status session_save(const capture_session *s, brace_error *error);
 
-/* With BRACE_OK: syncs the files and gives the folder its name. Otherwise leaves a folder with good frames for a resumption,
- * and removes any other. Frees the session's names; returns `status`, or why the folder did not get its name. */
+/* With BRACE_OK: syncs the files and gives the folder its name. Otherwise leaves a folder with good frames for a
+ * resumption, and removes any other. Frees the session's names; returns `status`, or why the folder did not get its
+ * name. */
 brace_status session_end(capture_session *s, brace_status status, brace_error *error);
 
 /* A file in the hidden folder; false: too long. `out` holds PATH_MAX bytes. */

@@ -39,8 +39,8 @@ static void clear(int parent, const char *name, const char *inside, const captur
         snprintf(path, sizeof path, "%s%s", inside, entry->d_name);
         for (size_t i = 0; keep != NULL && i < keep->sequence->shot_count; i++)
             wanted = wanted || (keep->sequence->shots[i].done && strcmp(keep->sequence->shots[i].file, path) == 0);
-        wanted = wanted || (keep != NULL && (strcmp(path, "sequence.json") == 0 ||
-                                             strcmp(path, keep->sequence->truth_file) == 0));
+        wanted = wanted || (keep != NULL &&
+                            (strcmp(path, "sequence.json") == 0 || strcmp(path, keep->sequence->truth_file) == 0));
         if (wanted || fstatat(dirfd(dir), entry->d_name, &info, AT_SYMLINK_NOFOLLOW) != 0)
             continue;
         if (S_ISDIR(info.st_mode) && inside[0] == '\0') {
@@ -97,7 +97,8 @@ brace_status session_begin(capture_session *s, const char *folder, brace_error *
     if (status != BRACE_OK)
         return status;
     if (lstat(s->final, &info) == 0)
-        return core_fail(error, BRACE_ERROR_IO, "%s is there already; choose another folder for the sequence", s->final);
+        return core_fail(error, BRACE_ERROR_IO, "%s is there already; choose another folder for the sequence",
+                         s->final);
     char path[PATH_MAX];
     if (!session_path(path, s, "sequence.json"))
         return core_fail(error, BRACE_ERROR_ARGUMENT, "%.200s...: the name is too long", folder);
@@ -155,7 +156,8 @@ static brace_status publish(capture_session *s, brace_error *error) {
     if (status == BRACE_OK)
         status = core_folder_sync(s->folder, error);
     if (status == BRACE_OK && rename(s->folder, s->final) != 0)
-        status = core_fail(error, BRACE_ERROR_IO, "%s: cannot give the sequence its name: %s", s->final, strerror(errno));
+        status =
+            core_fail(error, BRACE_ERROR_IO, "%s: cannot give the sequence its name: %s", s->final, strerror(errno));
     if (status == BRACE_OK) {
         /* So that the name outlives a power cut. */
         const char *slash = strrchr(s->final, '/');

@@ -63,9 +63,10 @@ static json_t *plan_json(const capture_plan *plan) {
     for (size_t i = 0; i < plan->count; i++) {
         const capture_step *s = &plan->steps[i];
         char name[32];
-        json_array_append_new(list, json_pack("{s:s, s:b, s:f, s:f, s:f, s:f, s:i}", "name", capture_step_name(name, s),
-                                              "truth", s->truth, "wanted_exposure", s->wanted_exposure, "wanted_iso",
-                                              s->wanted_iso, "exposure", s->exposure, "iso", s->iso, "shots", s->shots));
+        json_array_append_new(list,
+                              json_pack("{s:s, s:b, s:f, s:f, s:f, s:f, s:i}", "name", capture_step_name(name, s),
+                                        "truth", s->truth, "wanted_exposure", s->wanted_exposure, "wanted_iso",
+                                        s->wanted_iso, "exposure", s->exposure, "iso", s->iso, "shots", s->shots));
     }
     return list;
 }
@@ -108,10 +109,10 @@ json_t *capture_sequence_json(const capture_sequence *q) {
     const capture_counts *c = &q->counts;
     json_t *device = json_pack("{s:s, s:o, s:o, s:o}", "camera", q->backend, "make", text(q->make), "model",
                                text(q->model), "id", text(q->id));
-    json_t *counts = json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "asked", (json_int_t)c->asked, "busy",
-                               (json_int_t)c->busy, "dropped", (json_int_t)c->dropped, "reopened",
-                               (json_int_t)c->reopened, "unreadable", (json_int_t)c->unreadable, "metadata",
-                               (json_int_t)c->metadata, "pixels", (json_int_t)c->pixels);
+    json_t *counts =
+        json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "asked", (json_int_t)c->asked, "busy", (json_int_t)c->busy,
+                  "dropped", (json_int_t)c->dropped, "reopened", (json_int_t)c->reopened, "unreadable",
+                  (json_int_t)c->unreadable, "metadata", (json_int_t)c->metadata, "pixels", (json_int_t)c->pixels);
     if (device != NULL) {
         put_known(device, "readout", q->readout);
         put_known(device, "f_number", q->f_number);
@@ -208,9 +209,9 @@ static bool is_file_of(const char *file, const char *stem) {
 }
 
 static void read_shot(capture_shot *s, const capture_sequence *q, const json_at *o) {
-    static const char *const keys[] = {"name",   "done",          "tries",    "file",      "bytes", "sha256", "exposure",
-                                       "iso",    "exif_exposure", "exif_iso", "timestamp", "skew",  "noise",  "orientation",
-                                       "ev",     "accepted",      NULL};
+    static const char *const keys[] = {
+        "name",     "done",      "tries", "file",  "bytes",       "sha256", "exposure", "iso", "exif_exposure",
+        "exif_iso", "timestamp", "skew",  "noise", "orientation", "ev",     "accepted", NULL};
     char stem[48];
     json_check_only(o, keys);
     capture_shot_stem(stem, q, s);
@@ -297,8 +298,8 @@ static void read_rest(capture_sequence *q, const json_at *root) {
 }
 
 static brace_status read_document(capture_sequence *out, json_check *doc, brace_error *error) {
-    static const char *const keys[] = {"format", "software", "complete", "device",  "plan",
-                                       "shots",  "counts",   "events",   "average", "motion", NULL};
+    static const char *const keys[] = {"format", "software", "complete", "device", "plan", "shots",
+                                       "counts", "events",   "average",  "motion", NULL};
     json_at root = json_check_root(doc);
     capture_plan plan = {0};
     json_check_only(&root, keys);

@@ -45,7 +45,7 @@ static const double shutter_dial[] = {
     1.0 / 125,  1.0 / 100,  1.0 / 80,   1.0 / 60,   1.0 / 50,   1.0 / 40,   1.0 / 30,   1.0 / 25,   1.0 / 20,
     1.0 / 15,   1.0 / 13,   1.0 / 10,   1.0 / 8,    1.0 / 6,    1.0 / 5,    1.0 / 4,    0.3,        0.4,
     0.5,        0.6,        0.8,        1,          1.3,        1.6,        2};
-static const double iso_dial[] = {50,  64,  80,  100,  125,  160,  200,  250,  320,  400,  500,
+static const double iso_dial[] = {50,  64,  80,   100,  125,  160,  200,  250,  320,  400,  500,
                                   640, 800, 1000, 1250, 1600, 2000, 2500, 3200, 4000, 5000, 6400};
 
 static void set_limits(sim_body *b) {
@@ -76,8 +76,8 @@ static double real_exposure(const sim_body *b, double exposure) {
 
 /* ---- opening ---- */
 
-static const char *const option_names[] = {"screen", "display", "size", "seed", "time", "iso", "level",
-                                           "stops",  "set",     "off",  "fault", NULL};
+static const char *const option_names[] = {"screen", "display", "size", "seed", "time",  "iso",
+                                           "level",  "stops",   "set",  "off",  "fault", NULL};
 
 static brace_status number_option(double *value, const capture_address *address, const char *name, double low,
                                   double high, brace_error *error) {
@@ -220,8 +220,8 @@ static brace_status expose(sim_body *b, brace_frame *frame, double exposure, dou
     brace_status status = core_pool_create(&pool, job, error);
     const sim_shot shot = {.start = b->clock,
                            .exposure = exposure,
-                           .scale = lid ? 0
-                                        : b->scene.level * exposure * iso / (b->scene.reference_time * b->scene.iso)};
+                           .scale =
+                               lid ? 0 : b->scene.level * exposure * iso / (b->scene.reference_time * b->scene.iso)};
     if (status == BRACE_OK)
         status = sim_render_shot(&b->light, &b->studio.stage, &shot, pool, error);
     if (status == BRACE_OK)

@@ -4,8 +4,8 @@
 
 #include <string.h>
 
-static const char *const kinds[CAPTURE_FAULT_KINDS] = {"busy", "drop", "disconnect", "full", "cut", "exif",
-                                                       "iso", "shutter", "locked", "same", "black", "bump"};
+static const char *const kinds[CAPTURE_FAULT_KINDS] = {"busy", "drop",    "disconnect", "full", "cut",   "exif",
+                                                       "iso",  "shutter", "locked",     "same", "black", "bump"};
 
 const char *capture_fault_name(int bit) {
     return bit >= 0 && bit < CAPTURE_FAULT_KINDS ? kinds[bit] : NULL;

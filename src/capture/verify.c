@@ -90,7 +90,8 @@ static bool identical(const brace_frame *a, const brace_frame *b) {
         return false;
     for (size_t i = 0; i < (size_t)a->width * a->height; i++) {
         const size_t plane = (i / a->width % 2) * 2 + i % a->width % 2;
-        const float black = a->black[plane], low = black + 0.01f * (a->white - black), high = black + 0.9f * (a->white - black);
+        const float black = a->black[plane], low = black + 0.01f * (a->white - black),
+                    high = black + 0.9f * (a->white - black);
         if ((float)a->data[i] > low && (float)a->data[i] < high) {
             looked++;
             same += a->data[i] == b->data[i];
@@ -99,8 +100,8 @@ static bool identical(const brace_frame *a, const brace_frame *b) {
     return looked >= 64 && same == looked;
 }
 
-/* Frames with too little in common for a ratio can still contradict each other: where the longer one is not clipped, the
- * shorter one should show something; and it cannot be the brighter of the two. */
+/* Frames with too little in common for a ratio can still contradict each other: where the longer one is not clipped,
+ * the shorter one should show something; and it cannot be the brighter of the two. */
 static double blackout(const capture_probe *dark, const capture_probe *bright, double expected) {
     const brace_frame *d = dark->sample, *b = bright->sample;
     double all[2] = {0, 0}, open[2] = {0, 0};
@@ -219,8 +220,8 @@ int capture_find_liar(const capture_probe *probes, size_t count, bool *doubtful,
                 *doubtful = *doubtful && (i > k ? c[i][k] : c[k][i]).verdict == CAPTURE_DARK;
         for (size_t k = 0; k < s.count; k++)
             if ((s.best & s.enemies[i]) >> k & 1 &&
-                (witness == s.count || fabs(log(probes[k].light / probes[i].light)) <
-                                           fabs(log(probes[witness].light / probes[i].light))))
+                (witness == s.count ||
+                 fabs(log(probes[k].light / probes[i].light)) < fabs(log(probes[witness].light / probes[i].light))))
                 witness = k;
         if (witness == s.count)
             continue;
@@ -228,12 +229,14 @@ int capture_find_liar(const capture_probe *probes, size_t count, bool *doubtful,
         const double ev = i > witness ? found.ev : -found.ev, planned = log2(probes[i].light / probes[witness].light);
         char t[32];
         if (found.verdict == CAPTURE_IDENTICAL)
-            snprintf(why, size, "%s is the same picture as %s, sample for sample", probes[i].name, probes[witness].name);
+            snprintf(why, size, "%s is the same picture as %s, sample for sample", probes[i].name,
+                     probes[witness].name);
         else if (found.verdict == CAPTURE_DARK)
             snprintf(why, size, ev < 0 ? "%s shows hardly any light beside %s" : "%s shows light that %s does not",
                      probes[i].name, probes[witness].name);
         else if (fabs(planned) > 1 && fabs(ev + planned) < CAPTURE_PIXELS_EV)
-            snprintf(why, size, "%s is as bright as %s, although %s at ISO %g should make it %.1f EV %s: is the exposure locked?",
+            snprintf(why, size,
+                     "%s is as bright as %s, although %s at ISO %g should make it %.1f EV %s: is the exposure locked?",
                      probes[i].name, probes[witness].name, capture_time_text(t, probes[i].exposure), probes[i].iso,
                      fabs(planned), planned > 0 ? "brighter" : "darker");
         else

@@ -22,8 +22,8 @@ void capture_print_plan(const capture_plan *plan, const capture_limits *limits, 
     bool whole = false;
     for (size_t i = 0; i < plan->count; i++) {
         const capture_step *s = &plan->steps[i];
-        printf("%2zu. %-9s %10s %8g %+7.2f", i + 1, capture_step_name(name, s),
-               capture_time_text(t, s->exposure), s->iso, capture_step_ev(plan, i) + 0.0);
+        printf("%2zu. %-9s %10s %8g %+7.2f", i + 1, capture_step_name(name, s), capture_time_text(t, s->exposure),
+               s->iso, capture_step_ev(plan, i) + 0.0);
         for (size_t k = 0; k < count; k++) {
             const double n = periods(s, flicker[k]);
             const bool clean = n > 0.9 && fabs(n - round(n)) < 0.02;
@@ -50,10 +50,10 @@ json_t *capture_plan_json(const capture_plan *plan, const capture_limits *limits
     for (size_t i = 0; i < plan->count; i++) {
         const capture_step *s = &plan->steps[i];
         char name[32];
-        json_t *o = json_pack("{s:s, s:b, s:b, s:f, s:f, s:f, s:f, s:i, s:f}", "name", capture_step_name(name, s), "truth",
-                              s->truth, "reference", i == plan->reference, "exposure", s->exposure, "iso", s->iso,
-                              "wanted_exposure", s->wanted_exposure, "wanted_iso", s->wanted_iso, "shots", s->shots, "ev",
-                              capture_step_ev(plan, i));
+        json_t *o = json_pack("{s:s, s:b, s:b, s:f, s:f, s:f, s:f, s:i, s:f}", "name", capture_step_name(name, s),
+                              "truth", s->truth, "reference", i == plan->reference, "exposure", s->exposure, "iso",
+                              s->iso, "wanted_exposure", s->wanted_exposure, "wanted_iso", s->wanted_iso, "shots",
+                              s->shots, "ev", capture_step_ev(plan, i));
         json_t *list = json_array();
         for (size_t k = 0; k < count; k++)
             json_array_append_new(list, json_pack("{s:f, s:f}", "hz", flicker[k], "periods", periods(s, flicker[k])));
@@ -95,9 +95,9 @@ static json_t *numbers(const double *values, size_t count) {
 json_t *capture_limits_json(const capture_limits *l) {
     return json_pack("{s:o, s:o, s:o, s:[f, f], s:o, s:[f, f], s:o, s:f, s:f, s:f}", "make", cli_json_text(l->make),
                      "model", cli_json_text(l->model), "id", cli_json_text(l->id), "exposure", l->exposure_min,
-                     l->exposure_max, "exposures", numbers(l->exposures, l->exposure_count), "iso", l->iso_min, l->iso_max,
-                     "isos", numbers(l->isos, l->iso_count), "interval", l->interval, "readout", l->readout, "f_number",
-                     l->f_number);
+                     l->exposure_max, "exposures", numbers(l->exposures, l->exposure_count), "iso", l->iso_min,
+                     l->iso_max, "isos", numbers(l->isos, l->iso_count), "interval", l->interval, "readout", l->readout,
+                     "f_number", l->f_number);
 }
 
 /* ---- sequences ---- */
@@ -106,21 +106,25 @@ const char *capture_counts_text(char *out, size_t size, const capture_counts *c)
     const struct {
         uint64_t n;
         const char *what;
-    } all[] = {{c->busy, "times busy"},          {c->dropped, "lost"},
-               {c->reopened, "times reconnected"}, {c->unreadable, "damaged"},
-               {c->metadata, "with wrong metadata"}, {c->pixels, "with wrong light"}};
+    } all[] = {{c->busy, "times busy"},
+               {c->dropped, "lost"},
+               {c->reopened, "times reconnected"},
+               {c->unreadable, "damaged"},
+               {c->metadata, "with wrong metadata"},
+               {c->pixels, "with wrong light"}};
     size_t used = 0;
     out[0] = '\0';
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         if (all[i].n > 0 && used < size)
-            used += (size_t)snprintf(out + used, size - used, "%s%llu %s", used > 0 ? ", " : "", (unsigned long long)all[i].n,
-                                     all[i].what);
+            used += (size_t)snprintf(out + used, size - used, "%s%llu %s", used > 0 ? ", " : "",
+                                     (unsigned long long)all[i].n, all[i].what);
     return out;
 }
 
 static void print_motion(const brace_motion *m) {
     if (isfinite(m->dx))
-        printf("The truth lies %.1f pixels off the reference, turned by %.2f degrees\n", hypot(m->dx, m->dy), m->rotation);
+        printf("The truth lies %.1f pixels off the reference, turned by %.2f degrees\n", hypot(m->dx, m->dy),
+               m->rotation);
     else
         printf("The truth could not be laid on the reference: too little texture, or another scene\n");
 }
@@ -137,7 +141,10 @@ void capture_print_summary(const capture_sequence *q, const char *folder) {
             printf(" %+9.2f", ev + s->ev);
         else
             printf(" %9s", "-");
-        printf("%s%s\n", s->step == q->plan.reference ? "  reference" : step->truth ? "  truth" : "",
+        printf("%s%s\n",
+               s->step == q->plan.reference ? "  reference"
+               : step->truth                ? "  truth"
+                                            : "",
                s->accepted ? "  contradicts the others" : "");
     }
     if (q->truth_file[0] != '\0')
@@ -145,7 +152,8 @@ void capture_print_summary(const capture_sequence *q, const char *folder) {
     if (q->has_motion)
         print_motion(&q->motion);
     capture_counts_text(text, sizeof text, &q->counts);
-    printf("%llu releases%s%s. In %s\n", (unsigned long long)q->counts.asked, text[0] != '\0' ? ": " : "", text, folder);
+    printf("%llu releases%s%s. In %s\n", (unsigned long long)q->counts.asked, text[0] != '\0' ? ": " : "", text,
+           folder);
 }
 
 /* ---- checked folders ---- */
@@ -197,11 +205,11 @@ json_t *capture_checked_json(const capture_checked *c, const char *folder) {
                                                cli_json_number(f->readable ? f->measured : (double)NAN), "clipped",
                                                f->clipped));
     }
-    json_t *o = json_pack("{s:o, s:o, s:o, s:o, s:b, s:b, s:b, s:o}", "folder", cli_json_text(folder), "files", files,
-                          "problems", texts(c->problems, c->problem_count), "remarks",
-                          texts(c->remarks, c->remark_count), "sequence", c->has_sequence, "restorable", c->restorable,
-                          "importable", c->importable, "not_importable",
-                          c->importable ? json_null() : cli_json_text(c->not_importable));
+    json_t *o =
+        json_pack("{s:o, s:o, s:o, s:o, s:b, s:b, s:b, s:o}", "folder", cli_json_text(folder), "files", files,
+                  "problems", texts(c->problems, c->problem_count), "remarks", texts(c->remarks, c->remark_count),
+                  "sequence", c->has_sequence, "restorable", c->restorable, "importable", c->importable,
+                  "not_importable", c->importable ? json_null() : cli_json_text(c->not_importable));
     if (o != NULL && c->has_motion)
         json_object_set_new(o, "motion",
                             json_pack("{s:o, s:o, s:o, s:f}", "dx", cli_json_number(c->motion.dx), "dy",

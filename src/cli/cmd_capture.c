@@ -36,20 +36,24 @@ typedef struct arguments {
 #define PLAN_OPTIONS(a)                                                                                                \
     {CLI_HEADING, 0, NULL, NULL, "What to shoot", NULL, 0, 0},                                                         \
         {CLI_TEXT, 0, "time", "T", "exposure time of the reference, default 1/320", &(a).time, 0, 0},                  \
-        {CLI_NUMBER, 0, "iso", "ISO", "default: eight times the camera's lowest, for the truth's eighth", &(a).iso, 1, \
-         1e6},                                                                                                         \
+        {CLI_NUMBER, 0, "iso", "ISO", "default: eight times the camera's lowest, for the truth's eighth",              \
+         &(a).iso,   1, 1e6},                                                                                          \
         {CLI_INT, 0, "frames", "N", "3 to 9, default 5", &(a).frames, BRACE_BRACKET_MIN, BRACE_BRACKET_MAX},           \
         {CLI_NUMBER, 0, "step", "X", "from frame to frame, default 4 times the time", &(a).step, 1.1, 64},             \
         {CLI_FLAG, 0, "no-truth", NULL, "the bracket alone, without 8 times the time at ISO/8", &(a).no_truth, 0, 0},  \
-        {CLI_TEXT, 0, "shots", "LIST",                                                                                 \
-         "instead: TIME[@ISO],... in order; multiples of the reference's, or\n1/50s and iso800; gt: before the truth, " \
-         "such as\n16,4,1,1/4,1/16,gt:8@1/8 (the default)",                                                            \
-         &(a).list, 0, 0}
+    {                                                                                                                  \
+        CLI_TEXT, 0, "shots", "LIST",                                                                                  \
+            "instead: TIME[@ISO],... in order; multiples of the reference's, or\n1/50s and iso800; gt: before the "    \
+            "truth, "                                                                                                  \
+            "such as\n16,4,1,1/4,1/16,gt:8@1/8 (the default)",                                                         \
+            &(a).list, 0, 0                                                                                            \
+    }
 
 #define CAMERA_OPTIONS(a)                                                                                              \
     {CLI_HEADING, 0, NULL, NULL, "Camera", NULL, 0, 0},                                                                \
-        {CLI_TEXT, 'c', "camera", "NAME[:PORT]", "one of brace capture list", &(a).camera, 0, 0},                      \
-        {CLI_LIST, 0, "option", "NAME=VALUE", "for the camera; brace capture list names them", &(a).options, 0, 0}
+        {CLI_TEXT, 'c', "camera", "NAME[:PORT]", "one of brace capture list", &(a).camera, 0, 0}, {                    \
+        CLI_LIST, 0, "option", "NAME=VALUE", "for the camera; brace capture list names them", &(a).options, 0, 0       \
+    }
 
 #define COMMON_OPTIONS(a)                                                                                              \
     {CLI_HEADING, 0, NULL, NULL, "General", NULL, 0, 0},                                                               \
@@ -97,8 +101,8 @@ static int read_plan(const char *command, arguments *a) {
         const char *text = a->flicker.items[i];
         if (a->hz_count == FLICKER_MOST || !cli_number(text, &a->hz[a->hz_count]) || !(a->hz[a->hz_count] >= 1) ||
             !(a->hz[a->hz_count] <= 1e6))
-            return cli_wrong_usage(command, "--flicker takes up to %d frequencies from 1 to 1000000 Hz, not '%s'", FLICKER_MOST,
-                                   text);
+            return cli_wrong_usage(command, "--flicker takes up to %d frequencies from 1 to 1000000 Hz, not '%s'",
+                                   FLICKER_MOST, text);
         a->hz_count++;
     }
     return -1;
@@ -162,8 +166,8 @@ static void on_found(void *user, const capture_found *found) {
         json_array_append_new(l->cameras,
                               json_pack("{s:o, s:o, s:o, s:o, s:o}", "camera", cli_json_text(camera), "make",
                                         cli_json_text(found->make), "model", cli_json_text(found->model), "limits",
-                                        status == BRACE_OK ? capture_limits_json(&opened->limits) : json_null(), "problem",
-                                        status != BRACE_OK ? cli_json_text(error.message) : json_null()));
+                                        status == BRACE_OK ? capture_limits_json(&opened->limits) : json_null(),
+                                        "problem", status != BRACE_OK ? cli_json_text(error.message) : json_null()));
     } else {
         printf("  --camera %s", camera);
         printf(found->note != NULL ? "   (%s)\n" : "\n", found->note);
@@ -191,7 +195,8 @@ static int run_list(int argc, char **argv) {
     const cli_usage usage = {command, "[options]",
                              "Shows the kinds of cameras that this program was built with, the devices of each that\n"
                              "are connected, and what they can do.",
-                             options, "Examples:\n  brace capture list\n  brace capture list --camera sim:canon_r5 --json\n"};
+                             options,
+                             "Examples:\n  brace capture list\n  brace capture list --camera sim:canon_r5 --json\n"};
     int code = cli_parse(&usage, argc, argv, &operands);
     if (code < 0)
         code = no_operands(command, &operands);
@@ -246,10 +251,12 @@ static int run_plan(int argc, char **argv) {
     static const char command[] = "capture plan";
     arguments a = {0};
     cli_list operands = {0};
-    const cli_option options[] = {
-        PLAN_OPTIONS(a),
-        {CLI_LIST, 0, "flicker", "HZ", "count the periods of this flicker in each exposure; up to 8 times", &a.flicker, 0, 0},
-        CAMERA_OPTIONS(a), COMMON_OPTIONS(a)};
+    const cli_option options[] = {PLAN_OPTIONS(a),
+                                  {CLI_LIST, 0, "flicker", "HZ",
+                                   "count the periods of this flicker in each exposure; up to 8 times", &a.flicker, 0,
+                                   0},
+                                  CAMERA_OPTIONS(a),
+                                  COMMON_OPTIONS(a)};
     const cli_usage usage = {command, "[options]",
                              "Shows what would be shot: the longest exposure first, the truth last. With a camera,\n"
                              "its nearest stops; what differs from what was asked for is said.",
@@ -321,8 +328,8 @@ static brace_status shoot(const arguments *a, const char *folder, live *l, uint6
                           const brace_job *job, brace_error *error) {
     const capture_run_params params = {.plan = a->plan,
                                        .resume = a->resume,
-                                       .own_plan = a->time != NULL || a->list != NULL || a->iso != 0 || a->frames != 0 ||
-                                                   a->step != 0 || a->no_truth,
+                                       .own_plan = a->time != NULL || a->list != NULL || a->iso != 0 ||
+                                                   a->frames != 0 || a->step != 0 || a->no_truth,
                                        .restart = a->restart,
                                        .accept = a->accept,
                                        .tries = a->tries,
@@ -341,11 +348,12 @@ static void say_left(const capture_sequence *q, const char *command, bool accept
     for (size_t i = 0; i < q->shot_count; i++)
         done += q->shots[i].done;
     if (done > 0)
-        cli_error(command, "%zu of %zu shots are good and stay: go on with --resume, or start over with --restart", done,
-                  q->shot_count);
+        cli_error(command, "%zu of %zu shots are good and stay: go on with --resume, or start over with --restart",
+                  done, q->shot_count);
     if (done > 0 && q->counts.pixels > 0 && !accept)
-        cli_error(command, "does the screen change (a film, a clock), or light up in rare pulses (a tube, a laser)? --accept "
-                           "keeps frames that contradict others");
+        cli_error(command,
+                  "does the screen change (a film, a clock), or light up in rare pulses (a tube, a laser)? --accept "
+                  "keeps frames that contradict others");
 }
 
 static int shoot_repeats(const char *command, const arguments *a) {
@@ -415,9 +423,11 @@ static int run_run(int argc, char **argv) {
         {CLI_FLAG, 0, "resume", NULL, "go on with the interrupted sequence", &a.resume, 0, 0},
         {CLI_FLAG, 0, "restart", NULL, "throw it away and start over", &a.restart, 0, 0},
         {CLI_INT, 0, "tries", "N", "of each frame, default 4", &a.tries, 1, 100},
-        {CLI_FLAG, 0, "accept", NULL, "after the last try keep a frame whose light contradicts the others", &a.accept, 0, 0},
+        {CLI_FLAG, 0, "accept", NULL, "after the last try keep a frame whose light contradicts the others", &a.accept,
+         0, 0},
         {CLI_TEXT, 0, "fault", "KIND:N[,...]",
-         "what the simulated camera does wrong at the N-th release, N-M or N+:\nbusy, drop, disconnect, full, cut, exif, "
+         "what the simulated camera does wrong at the N-th release, N-M or N+:\nbusy, drop, disconnect, full, cut, "
+         "exif, "
          "iso, shutter, locked,\nsame, black, bump",
          &a.fault, 0, 0},
         COMMON_OPTIONS(a)};

@@ -19,9 +19,11 @@
 
 #include <cmocka.h>
 
+#include "brace/image.h"
 #include "capture/capture.h"
+#include "sim/screen.h"
 
-static char test_folder[64];
+static char test_folder[64], test_screen[PATH_MAX];
 
 static inline int test_remove_one(const char *path, const struct stat *info, int kind, struct FTW *where) {
     (void)info, (void)kind, (void)where;
@@ -81,12 +83,36 @@ static inline void test_good(brace_status status, const brace_error *error) {
         fail_msg("%s", error->message);
 }
 
+/* A small copy of a screen: decoding a large one would take longer than photographing it. */
+static inline int test_screen_make(void **state) {
+    (void)state;
+    brace_image *large = NULL, *small = NULL;
+    char path[PATH_MAX];
+    snprintf(test_screen, sizeof test_screen, "/tmp/brace-capture-screen-%d.png", (int)getpid());
+    snprintf(path, sizeof path, "%s/screens/000009_static.webp",
+             getenv("BRACE_DATA") != NULL ? getenv("BRACE_DATA") : "data");
+    brace_status status = sim_screen_read(&large, NULL, path, NULL, NULL);
+    if (status == BRACE_OK)
+        status = brace_image_resize(&small, large, 384, 216, NULL);
+    if (status == BRACE_OK)
+        status = brace_image_write(small, test_screen, NULL, NULL, NULL);
+    brace_image_destroy(large);
+    brace_image_destroy(small);
+    return status != BRACE_OK;
+}
+
+static inline int test_screen_remove(void **state) {
+    (void)state;
+    return remove(test_screen);
+}
+
 /* Shoots a small sequence with the simulated camera. `fault` NULL: none. */
 static inline brace_status test_shoot(capture_sequence *out, const char *name, const char *port, const char *fault,
                                       const char *more, capture_run_params params, brace_error *error) {
-    char option[256];
-    const char *options[4] = {"size=192x144"};
-    size_t count = 1;
+    char option[256], screen[PATH_MAX + 8];
+    const char *options[4] = {"size=192x144", screen};
+    size_t count = 2;
+    snprintf(screen, sizeof screen, "screen=%s", test_screen);
     const capture_backend *backend;
     const char *unused;
     assert_int_equal(capture_backend_find(&backend, &unused, "sim", error), BRACE_OK);

@@ -8,7 +8,8 @@ static void the_papers_plan(void **state) {
     static const char *const names[] = {"frame_5", "frame_4", "frame_3", "frame_2", "frame_1", "gt"};
     capture_plan plan;
     brace_error error;
-    test_good(capture_plan_create(&plan, &(capture_plan_params){.time = 1.0 / 320, .iso = 400}, NULL, NULL, &error), &error);
+    test_good(capture_plan_create(&plan, &(capture_plan_params){.time = 1.0 / 320, .iso = 400}, NULL, NULL, &error),
+              &error);
     assert_int_equal(plan.count, 6);
     assert_int_equal(plan.reference, 2);
     for (size_t i = 0; i < 6; i++) {
@@ -39,8 +40,8 @@ static void any_bracket(void **state) {
             assert_int_equal(plan.steps[i].number, n - (int)i);
         }
     }
-    static const capture_plan_params wrong[] = {{.frames = 2}, {.frames = 10}, {.step = 1},   {.step = 65},
-                                                {.time = -1},  {.time = 61},   {.iso = 0.5},  {.list = ""},
+    static const capture_plan_params wrong[] = {{.frames = 2}, {.frames = 10}, {.step = 1},  {.step = 65},
+                                                {.time = -1},  {.time = 61},   {.iso = 0.5}, {.list = ""},
                                                 {.list = "1"}, {.list = "1,2"}};
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++)
         assert_int_equal(capture_plan_create(&plan, &wrong[i], NULL, NULL, &error), BRACE_ERROR_ARGUMENT);
@@ -50,8 +51,7 @@ static void any_list(void **state) {
     (void)state;
     brace_error error;
     capture_plan plan;
-    const capture_plan_params p = {
-        .time = 0.01, .iso = 400, .list = "1/4,1/50s@iso800,2.5@1/2,1,gt:4@1/4"};
+    const capture_plan_params p = {.time = 0.01, .iso = 400, .list = "1/4,1/50s@iso800,2.5@1/2,1,gt:4@1/4"};
     test_good(capture_plan_create(&plan, &p, NULL, NULL, &error), &error);
     assert_int_equal(plan.count, 5);
     const double time[] = {0.0025, 0.02, 0.025, 0.01, 0.04}, iso[] = {400, 800, 200, 400, 100};
@@ -62,11 +62,30 @@ static void any_list(void **state) {
         assert_int_equal(plan.steps[i].number, number[i]);
     }
     assert_int_equal(plan.reference, 3); /* the shorter of the middle two, as a bracket has it */
-    static const char *const wrong[] = {",",          "1,2,",      "1,2,x",     "1,2,-3",   "1,2,1/0",  "1,2,3@",
-                                        "1,2,3@iso",  "1,2,3@0",   "1,2,gt:",   "1,2,3s4",  "1,2,nan",  "1,2,inf",
-                                        "1,2,0x10s",  "1,2,1e400", "1,2,3@1@2", "1, 2,4",   "s,s,s",    "1,2,4,gt:8,gt:8",
-                                        "1,2,3601s",  "1,1,1",     "gt:1,2,3",  "1,2,4@iso0.1",
-                                        "1,2,3,4,5,6,7,8,9,10", "1,2,3,4,5,6,7,8,9,10,gt:11"};
+    static const char *const wrong[] = {",",
+                                        "1,2,",
+                                        "1,2,x",
+                                        "1,2,-3",
+                                        "1,2,1/0",
+                                        "1,2,3@",
+                                        "1,2,3@iso",
+                                        "1,2,3@0",
+                                        "1,2,gt:",
+                                        "1,2,3s4",
+                                        "1,2,nan",
+                                        "1,2,inf",
+                                        "1,2,0x10s",
+                                        "1,2,1e400",
+                                        "1,2,3@1@2",
+                                        "1, 2,4",
+                                        "s,s,s",
+                                        "1,2,4,gt:8,gt:8",
+                                        "1,2,3601s",
+                                        "1,1,1",
+                                        "gt:1,2,3",
+                                        "1,2,4@iso0.1",
+                                        "1,2,3,4,5,6,7,8,9,10",
+                                        "1,2,3,4,5,6,7,8,9,10,gt:11"};
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++)
         if (capture_plan_create(&plan, &(capture_plan_params){.time = 2, .iso = 400, .list = wrong[i]}, NULL, NULL,
                                 &error) == BRACE_OK)
@@ -123,11 +142,13 @@ static void truths_are_averaged(void **state) {
     assert_non_null(strstr(n.last, "mean of 8 shots"));
     /* A shutter that ends at 1/100: the same with the times. */
     const capture_limits fast = {.exposure_min = 1e-5, .exposure_max = 0.01, .iso_min = 50, .iso_max = 6400};
-    test_good(capture_plan_create(&plan, &(capture_plan_params){.time = 0.0006, .iso = 400, .step = 2}, &fast, NULL, &error),
-              &error);
+    test_good(
+        capture_plan_create(&plan, &(capture_plan_params){.time = 0.0006, .iso = 400, .step = 2}, &fast, NULL, &error),
+        &error);
     assert_int_equal(plan.steps[5].shots, 1);
-    test_good(capture_plan_create(&plan, &(capture_plan_params){.time = 0.0025, .iso = 400, .step = 2}, &fast, NULL, &error),
-              &error);
+    test_good(
+        capture_plan_create(&plan, &(capture_plan_params){.time = 0.0025, .iso = 400, .step = 2}, &fast, NULL, &error),
+        &error);
     assert_int_equal(plan.steps[5].shots, 2);
 }
 
@@ -139,7 +160,8 @@ static void what_a_device_cannot(void **state) {
     const brace_job job = {.note = on_note, .user = &n};
     /* Two of the five are below its shortest: one of them stays. */
     const capture_limits slow = {.exposure_min = 1.0 / 320, .exposure_max = 1, .iso_min = 50, .iso_max = 6400};
-    test_good(capture_plan_create(&plan, &(capture_plan_params){.time = 1.0 / 320, .iso = 400}, &slow, &job, &error), &error);
+    test_good(capture_plan_create(&plan, &(capture_plan_params){.time = 1.0 / 320, .iso = 400}, &slow, &job, &error),
+              &error);
     assert_int_equal(plan.count, 4);
     assert_int_equal(n.count, 2);
     assert_non_null(strstr(n.last, "left out"));
@@ -149,12 +171,17 @@ static void what_a_device_cannot(void **state) {
     assert_int_equal(capture_plan_create(&plan, NULL, &fixed, NULL, &error), BRACE_ERROR_UNSUPPORTED);
     assert_non_null(strstr(error.message, "1 different exposures"));
     /* The dial of a camera, and what it says of it. */
-    capture_limits dial = {.exposure_min = 1.0 / 4000, .exposure_max = 2, .iso_min = 100, .iso_max = 400,
-                           .exposure_count = 4, .exposures = {1.0 / 4000, 1.0 / 500, 1.0 / 60, 0.5},
-                           .iso_count = 3, .isos = {100, 200, 400}};
+    capture_limits dial = {.exposure_min = 1.0 / 4000,
+                           .exposure_max = 2,
+                           .iso_min = 100,
+                           .iso_max = 400,
+                           .exposure_count = 4,
+                           .exposures = {1.0 / 4000, 1.0 / 500, 1.0 / 60, 0.5},
+                           .iso_count = 3,
+                           .isos = {100, 200, 400}};
     n.count = 0;
-    test_good(capture_plan_create(&plan, &(capture_plan_params){.time = 1.0 / 60, .iso = 400, .frames = 3, .step = 30}, &dial, &job,
-                                  &error),
+    test_good(capture_plan_create(&plan, &(capture_plan_params){.time = 1.0 / 60, .iso = 400, .frames = 3, .step = 30},
+                                  &dial, &job, &error),
               &error);
     test_near(plan.steps[0].exposure, 0.5, 0);
     test_near(plan.steps[1].exposure, 1.0 / 60, 0);
@@ -169,10 +196,11 @@ static void faults_are_read(void **state) {
     const char *port;
     capture_sequence *q = calloc(1, sizeof *q);
     assert_non_null(q);
-    static const char *const wrong[] = {"busy", "busy:", "busy:0", "busy:2-1", "busy:1-", "busy:x", "bus:1", "busy:1,",
-                                        "busy:1+2", "busy:9999999999", ":1", "busy:1;drop:2"};
+    static const char *const wrong[] = {"busy",  "busy:",   "busy:0",   "busy:2-1",        "busy:1-", "busy:x",
+                                        "bus:1", "busy:1,", "busy:1+2", "busy:9999999999", ":1",      "busy:1;drop:2"};
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
-        assert_int_equal(test_shoot(q, "w", NULL, wrong[i], NULL, (capture_run_params){0}, &error), BRACE_ERROR_ARGUMENT);
+        assert_int_equal(test_shoot(q, "w", NULL, wrong[i], NULL, (capture_run_params){0}, &error),
+                         BRACE_ERROR_ARGUMENT);
         capture_sequence_free(q);
         assert_int_equal(test_count("."), 0);
     }
@@ -192,8 +220,12 @@ static void faults_are_read(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_papers_plan),     cmocka_unit_test(any_bracket),         cmocka_unit_test(any_list),
-        cmocka_unit_test(the_nearest_stop),    cmocka_unit_test(truths_are_averaged), cmocka_unit_test(what_a_device_cannot),
+        cmocka_unit_test(the_papers_plan),
+        cmocka_unit_test(any_bracket),
+        cmocka_unit_test(any_list),
+        cmocka_unit_test(the_nearest_stop),
+        cmocka_unit_test(truths_are_averaged),
+        cmocka_unit_test(what_a_device_cannot),
         cmocka_unit_test_setup_teardown(faults_are_read, test_folder_make, test_folder_remove),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -48,7 +48,7 @@ static void the_same_bytes(void **state) {
     test_good(test_shoot(fresh(), "b/", NULL, "busy:3,same:4", NULL, (capture_run_params){0}, &error), &error);
     assert_int_equal(test_count("a"), 7);
     assert_int_equal(test_count("."), 2);
-    static const char *const names[] = {"frame_1.dng", "frame_2.dng", "frame_3.dng", "frame_4.dng",
+    static const char *const names[] = {"frame_1.dng", "frame_2.dng", "frame_3.dng",  "frame_4.dng",
                                         "frame_5.dng", "gt.dng",      "sequence.json"};
     for (size_t i = 0; i < 7; i++) {
         snprintf(a, sizeof a, "a/%s", names[i]);
@@ -70,7 +70,7 @@ typedef struct fault_case {
     const char *fault;
     int injected;
     outcome want;
-    const char *says; /* in an event, or in the error */
+    const char *says;      /* in an event, or in the error */
     capture_counts counts; /* but `asked` */
 } fault_case;
 
@@ -111,7 +111,10 @@ static const fault_case fault_cases[] = {
     {"black:6", 1, SURVIVED, "gt shows hardly any light", {.pixels = 1}},
     {"black:1+", 6, NAMED, "is the lens cap on?", {0}},
     {"bump:6", 1, NAMED, NULL, {0}}, /* in the motion of the truth */
-    {"busy:1,drop:2,disconnect:4,cut:5,exif:7,iso:9,same:11,shutter:13", 8, SURVIVED, NULL,
+    {"busy:1,drop:2,disconnect:4,cut:5,exif:7,iso:9,same:11,shutter:13",
+     8,
+     SURVIVED,
+     NULL,
      {.busy = 1, .dropped = 1, .reopened = 1, .unreadable = 1, .metadata = 2, .pixels = 2}},
 };
 
@@ -132,7 +135,8 @@ static void every_fault(void **state) {
         capture_sequence *q = fresh();
         const brace_status status = test_shoot(q, "f", NULL, c->fault, NULL, (capture_run_params){0}, &error);
         print_message("%-64s %8d %s\n", c->fault, c->injected,
-                      status == BRACE_OK ? (c->want == NAMED ? "named" : "survived") : "named, stopped; can be resumed");
+                      status == BRACE_OK ? (c->want == NAMED ? "named" : "survived")
+                                         : "named, stopped; can be resumed");
         if ((status == BRACE_OK) != (c->want != STOPPED))
             fail_msg("%s: %s", c->fault, status == BRACE_OK ? "was not stopped" : error.message);
         if (c->says != NULL && !said(q, &error, c->says)) {
@@ -164,7 +168,8 @@ static void every_fault(void **state) {
             assert_true(done > 0 || !test_exists(".capture-f"));
             if (done > 0) {
                 assert_int_equal(test_count(".capture-f"), done + 1);
-                test_good(test_shoot(fresh(), "f", NULL, NULL, NULL, (capture_run_params){.resume = true}, &error), &error);
+                test_good(test_shoot(fresh(), "f", NULL, NULL, NULL, (capture_run_params){.resume = true}, &error),
+                          &error);
                 assert_int_equal(test_count("f"), 7);
             }
         }
@@ -177,15 +182,17 @@ static void every_fault(void **state) {
         test_remove(test_path("f"));
         test_remove(test_path(".capture-f"));
     }
-    print_message("%d faults injected: %d shot again with success, %d told, %d stopped the sequence and were named; %d lost\n",
-                  injected, survived, named, stopped, injected - survived - named - stopped);
+    print_message(
+        "%d faults injected: %d shot again with success, %d told, %d stopped the sequence and were named; %d lost\n",
+        injected, survived, named, stopped, injected - survived - named - stopped);
 }
 
 static void kept_on_demand(void **state) {
     (void)state;
     brace_error error;
     capture_sequence *q = fresh();
-    test_good(test_shoot(q, "a", NULL, "shutter:4+", NULL, (capture_run_params){.accept = true, .tries = 2}, &error), &error);
+    test_good(test_shoot(q, "a", NULL, "shutter:4+", NULL, (capture_run_params){.accept = true, .tries = 2}, &error),
+              &error);
     size_t kept = 0;
     for (size_t i = 0; i < q->shot_count; i++)
         kept += q->shots[i].accepted;
@@ -244,12 +251,13 @@ static void what_comes_after(void **state) {
     (void)state;
     brace_error error;
     test_good(test_shoot(fresh(), "set/a", NULL, NULL, NULL, (capture_run_params){0}, &error), &error);
-    test_good(test_shoot(fresh(), "set/b", "canon_r5", NULL, NULL, (capture_run_params){.plan = {.iso = 400}}, &error), &error);
+    test_good(test_shoot(fresh(), "set/b", "canon_r5", NULL, NULL, (capture_run_params){.plan = {.iso = 400}}, &error),
+              &error);
     char problem[512] = "";
     const char *folder = test_path("set");
     dataset_imported done;
-    test_good(dataset_import(&folder, 1, test_path("imported"), &(dataset_import_params){.reduce = 2, .tolerance = 2}, on_import,
-                             problem, &done, NULL, &error),
+    test_good(dataset_import(&folder, 1, test_path("imported"), &(dataset_import_params){.reduce = 2, .tolerance = 2},
+                             on_import, problem, &done, NULL, &error),
               &error);
     if (done.good != 2)
         fail_msg("not imported: %s", problem);
@@ -285,7 +293,8 @@ static void killed_and_resumed(void **state) {
         if (child == 0) {
             capture_sequence *q = calloc(1, sizeof *q);
             const bool there = test_exists(".capture-k/sequence.json");
-            _exit(q == NULL || test_shoot(q, "k", NULL, NULL, NULL, (capture_run_params){.resume = there}, &error) != BRACE_OK);
+            _exit(q == NULL ||
+                  test_shoot(q, "k", NULL, NULL, NULL, (capture_run_params){.resume = there}, &error) != BRACE_OK);
         }
         usleep((useconds_t)(15000 + 12000 * round));
         kill(child, SIGKILL);
@@ -363,8 +372,10 @@ static void cancel_at(void *user, const capture_event *event) {
 static void cancelled(void **state) {
     (void)state;
     brace_error error;
-    static const char *const options[] = {"size=192x144"};
-    const capture_address address = {.options = options, .option_count = 1};
+    char screen[PATH_MAX + 8];
+    snprintf(screen, sizeof screen, "screen=%s", test_screen);
+    const char *const options[] = {"size=192x144", screen};
+    const capture_address address = {.options = options, .option_count = 2};
     int left = 3;
     const capture_run_params params = {.event = cancel_at, .user = &left};
     const brace_job job = {.threads = 1, .cancel = &cancel_flag};
@@ -441,8 +452,8 @@ static void folders_of_others(void **state) {
 
 int main(void) {
 #define T(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
-    const struct CMUnitTest tests[] = {T(the_same_bytes),   T(every_fault),      T(kept_on_demand),        T(an_averaged_truth),
-                                       T(what_comes_after), T(killed_and_resumed), T(what_resuming_refuses), T(cancelled),
-                                       T(memory_ends),      T(folders_of_others)};
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    const struct CMUnitTest tests[] = {
+        T(the_same_bytes),     T(every_fault),           T(kept_on_demand), T(an_averaged_truth), T(what_comes_after),
+        T(killed_and_resumed), T(what_resuming_refuses), T(cancelled),      T(memory_ends),       T(folders_of_others)};
+    return cmocka_run_group_tests(tests, test_screen_make, test_screen_remove);
 }

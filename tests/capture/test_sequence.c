@@ -8,7 +8,8 @@ static capture_sequence *example(const char *list) {
     capture_sequence *q = calloc(1, sizeof *q);
     assert_non_null(q);
     const capture_limits limits = {.exposure_min = 1e-5, .exposure_max = 1, .iso_min = 100, .iso_max = 6400};
-    test_good(capture_plan_create(&plan, &(capture_plan_params){.iso = 400, .list = list}, &limits, NULL, &error), &error);
+    test_good(capture_plan_create(&plan, &(capture_plan_params){.iso = 400, .list = list}, &limits, NULL, &error),
+              &error);
     capture_sequence_init(q, &plan);
     snprintf(q->backend, sizeof q->backend, "sim");
     snprintf(q->make, sizeof q->make, "Make \"%s\"", "x");
@@ -22,9 +23,13 @@ static capture_sequence *example(const char *list) {
         snprintf(s->file, sizeof s->file, "%s.nef", capture_shot_stem(stem, q, s));
         s->bytes = 1234567890123;
         memset(s->sha256, 'a' + (int)i % 6, 64);
-        s->report = (capture_shot_report){.exposure = 0.01 * (double)(i + 1), .iso = 400, .timestamp = 9007199254740993,
-                                          .skew = 0.0145, .noise = {{1e-4, 1e-7}, {2e-4, 2e-7}, {3e-4, 3e-7}},
-                                          .has_noise = true, .orientation = 6};
+        s->report = (capture_shot_report){.exposure = 0.01 * (double)(i + 1),
+                                          .iso = 400,
+                                          .timestamp = 9007199254740993,
+                                          .skew = 0.0145,
+                                          .noise = {{1e-4, 1e-7}, {2e-4, 2e-7}, {3e-4, 3e-7}},
+                                          .has_noise = true,
+                                          .orientation = 6};
         s->exif_exposure = 1.0 / 3, s->exif_iso = 400, s->ev = i == 0 ? (double)NAN : 0.125, s->accepted = i == 1;
     }
     snprintf(q->truth_file, sizeof q->truth_file, "gt.dng");
@@ -32,7 +37,8 @@ static capture_sequence *example(const char *list) {
     q->counts = (capture_counts){9, 1, 2, 3, 4, 5, 6};
     capture_sequence_event(q, "frame_3 is what it is");
     q->has_motion = true;
-    q->motion = (brace_motion){.dx = 1.25, .dy = -0.5, .rotation = 0.01, .scale = 1.001, .local = 0.3, .confidence = 0.9};
+    q->motion =
+        (brace_motion){.dx = 1.25, .dy = -0.5, .rotation = 0.01, .scale = 1.001, .local = 0.3, .confidence = 0.9};
     return q;
 }
 
@@ -114,7 +120,8 @@ static void strangers(void **state) {
         if (at == NULL)
             fail_msg("there is no %s in %s", changes[i][0], text);
         char *changed;
-        assert_true(asprintf(&changed, "%.*s%s%s", (int)(at - text), text, changes[i][1], at + strlen(changes[i][0])) > 0);
+        assert_true(asprintf(&changed, "%.*s%s%s", (int)(at - text), text, changes[i][1], at + strlen(changes[i][0])) >
+                    0);
         refused(changed, changes[i][1]);
         free(changed);
     }

@@ -68,7 +68,8 @@ static void who_lies(void **state) {
                 make(&p[i], names[i], times[i] * (i == liar ? exp2(2 * way) : 1), times[i], (uint32_t)i + 7);
             const int found = capture_find_liar(p, 5, &doubtful, why, sizeof why);
             if (found != liar && !(liar == 0 && way > 0)) /* clipped and clipped more are the same */
-                fail_msg("%d was found for %d, %s: %s", found, liar, way < 0 ? "dark" : "bright", found >= 0 ? why : "");
+                fail_msg("%d was found for %d, %s: %s", found, liar, way < 0 ? "dark" : "bright",
+                         found >= 0 ? why : "");
             if (found >= 0) {
                 assert_int_equal(why[0], names[liar][0]);
                 assert_false(doubtful);
