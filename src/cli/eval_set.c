@@ -15,13 +15,20 @@ static const char *category_of(const char *name) {
     return line != NULL && line != base && strspn(base, "0123456789") == (size_t)(line - base) ? line + 1 : "other";
 }
 
+/* Samples without meta.json are known by their folder's name: led_wall_2, flicker_free; but not by a number. */
+static const char *family_by_name(const char *name) {
+    const char *slash = strrchr(name, '/'), *base = slash != NULL ? slash + 1 : name;
+    return base[0] >= '0' && base[0] <= '9' ? "unknown" : base;
+}
+
 static void read_meta(eval_sample *s, const json_t *meta) {
     const json_t *display = json_object_get(meta, "display"), *family = json_object_get(meta, "family");
     if (json_is_object(display)) {
         family = json_object_get(display, "family");
     }
-    s->steady = json_is_true(json_object_get(meta, "flicker_free"));
-    snprintf(s->family, sizeof s->family, "%s", json_is_string(family) ? json_string_value(family) : "unknown");
+    const char *name = meta == NULL ? family_by_name(s->name) : "unknown";
+    s->steady = json_is_true(json_object_get(meta, "flicker_free")) || strncmp(name, "flicker_free", 12) == 0;
+    snprintf(s->family, sizeof s->family, "%s", json_is_string(family) ? json_string_value(family) : name);
     snprintf(s->category, sizeof s->category, "%s", category_of(s->name));
 }
 

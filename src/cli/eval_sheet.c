@@ -36,8 +36,14 @@ static brace_status paste(brace_image *sheet, const brace_image *picture, uint32
     return status;
 }
 
+/* Of a sample's pictures on the sheet; upright ones are cut down to twice their width. */
+static uint32_t height_of(const eval_sample *s, uint32_t side) {
+    const double h = ceil((double)side * s->picture[0]->height / s->picture[0]->width);
+    return (uint32_t)fmax(IMAGE_LABEL_HEIGHT, fmin(h, 2.0 * side));
+}
+
 brace_status eval_sheet(const eval_set *set, const char *path, uint32_t side, const brace_job *job, brace_error *error) {
-    uint32_t columns = 0, rows = 0, tall = 1, shown[EVAL_METHODS + 2];
+    uint32_t columns = 0, height = GAP, shown[EVAL_METHODS + 2];
     for (uint32_t k = 0; k < set->methods + 2; k++) {
         if (eval_has_picture(set, k)) {
             shown[columns++] = k;
@@ -46,18 +52,15 @@ brace_status eval_sheet(const eval_set *set, const char *path, uint32_t side, co
     for (size_t i = 0; i < set->count; i++) {
         const eval_sample *s = &set->items[i];
         if (s->shown && s->picture[0] != NULL) {
-            const uint32_t h = (uint32_t)ceil((double)side * s->picture[0]->height / s->picture[0]->width);
-            tall = h > tall ? h : tall;
-            rows++;
+            height += height_of(s, side) + GAP;
         }
     }
-    tall = tall < 2 * side ? tall : 2 * side;
-    if (rows == 0) {
+    if (height == GAP) {
         return core_fail(error, BRACE_ERROR_ARGUMENT, "%s: no sample was measured that it could show", path);
     }
     brace_image *sheet = NULL;
-    brace_status status = brace_image_create(&sheet, GAP + columns * (side + GAP), GAP + rows * (tall + GAP), 3,
-                                             BRACE_SAMPLE_U8, BRACE_TRANSFER_SRGB, error);
+    brace_status status = brace_image_create(&sheet, GAP + columns * (side + GAP), height, 3, BRACE_SAMPLE_U8,
+                                             BRACE_TRANSFER_SRGB, error);
     for (uint32_t y = 0; status == BRACE_OK && y < sheet->height; y++) {
         memset((uint8_t *)sheet->data + y * sheet->stride, 24, 3 * (size_t)sheet->width);
     }
@@ -67,6 +70,7 @@ brace_status eval_sheet(const eval_set *set, const char *path, uint32_t side, co
         if (!s->shown || s->picture[0] == NULL) {
             continue;
         }
+        const uint32_t tall = height_of(s, side);
         for (uint32_t column = 0; column < columns && status == BRACE_OK; column++) {
             const uint32_t x = GAP + column * (side + GAP), k = shown[column];
             if (s->picture[k] == NULL) {

@@ -47,7 +47,7 @@ typedef struct restore_tiles {
 enum {
     RESTORE_TILE_STEP = 8,     /* networks halve the resolution up to three times */
     RESTORE_TILE_LEAST = 64,   /* the smallest side of a tile, unless the picture is smaller, */
-    RESTORE_TILE_MOST = 256,   /* and the largest: more gain no time, and networks learn from crops of 128 */
+    RESTORE_TILE_MOST = 512,   /* and the largest: overlaps are an eighth of the work then */
     RESTORE_TILE_OVERLAP = 32, /* at least, from tile to tile, */
     RESTORE_TILE_RAMP = 16     /* over the middle of which one passes into the next */
 };

@@ -40,17 +40,18 @@ for m in psnr sfc ms-swd; do
 done
 
 # Folders that BRACE did not make: no meta.json; a control; a part of the set; scenes by name.
-mkdir -p alien/one alien/two
+mkdir -p alien/one alien/two alien/2 alien/flicker_free
 cp "$sample"/*.dng alien/one; cp "$sample"/*.dng alien/two
+cp "$sample"/*.dng alien/2; cp "$sample"/*.dng alien/flicker_free
 echo '{"flicker_free": true, "display": {"family": "<b>&\"x,y"}}' >alien/two/meta.json
-run 0 eval --data alien --method reference --html x.html --csv x.csv --scenes two; prints 'family unknown (1)'; prints 'flicker-free (1)'
+run 0 eval --data alien --method reference --html x.html --csv x.csv --scenes two; prints 'family unknown (1)'; prints 'family one (1)'; prints 'flicker-free (2)'
 alone x.html
 ok 'only this scene has pictures' bash -c '! grep -q "data-pair=\"0\"" x.html'
 run 0 eval --data set --count 1 --method reference -q; ok 'one sample' grep -q '(1)' out
 run 1 eval --data set --method reference --scenes nosuch --sheet y.png; says nosuch; absent y.png
 
 # A sample that is damaged is said, and the others are measured.
-rm alien/one/gt.dng
+rm -r alien/2 alien/flicker_free alien/one/gt.dng
 run 1 eval --data alien --method reference; says 'one: gt.dng is missing'; prints 'flicker-free (1)'
 rm alien/two/frame_3.dng
 run 1 eval --data alien --method reference; says 'none of the samples could be measured'

@@ -239,7 +239,7 @@ static void test_untaught(void **state) {
     save_network("untaught.safetensors", &shape, false, 128);
     for (int run = 0; run < 4; run++) {
         scene s = screen;
-        s.width = run == 0 ? 700 : 90, s.height = run == 0 ? 66 : 75 + (uint32_t)run; /* tiles; odd sizes */
+        s.width = run == 0 ? 1100 : 90, s.height = run == 0 ? 66 : 75 + (uint32_t)run; /* tiles; odd sizes */
         s.cfa = (brace_cfa)run;
         brace_bracket *b = scene_bracket(&s);
         const brace_frame *reference = b->frames[2];
@@ -384,15 +384,8 @@ static void test_threads(void **state) {
     assert_int_equal(one->report.precision, BRACE_PRECISION_F32);
     for (int threads = 2; threads < 4; threads++) {
         brace_restored *more = restore(b, "threads.safetensors", &params, threads);
-        const double most = largest_difference(one, more, 0);
         assert_int_equal(one->report.tiles, more->report.tiles);
-        print_message("%d threads: %g off\n", threads, most);
-        assert_true(most < 2e-5);
-        if (threads == 2) {
-            brace_restored *again = restore(b, "threads.safetensors", &params, threads);
-            assert_memory_equal(more->mosaic, again->mosaic, count * sizeof(float));
-            brace_restored_destroy(again);
-        }
+        assert_memory_equal(one->mosaic, more->mosaic, count * sizeof(float));
         brace_restored_destroy(more);
     }
     brace_restored *half = restore(b, "threads.safetensors", &(brace_restore_params){.precision = BRACE_PRECISION_BF16}, 2);
