@@ -70,6 +70,20 @@ _brace()
         return
     fi
 
+    if [[ $command == model ]]; then
+        if [[ $prev == --type ]]; then
+            mapfile -t COMPREPLY < <(compgen -W 'f32 f16 bf16' -- "$cur")
+        elif [[ $prev == --network ]]; then
+            mapfile -t COMPREPLY < <(compgen -W 'brace brace-s tmrnet tmrnet-s' -- "$cur")
+        elif [[ $cur == -* ]]; then
+            mapfile -t COMPREPLY < <(compgen -W '--output --type --network --json --help' -- "$cur")
+        else
+            compopt -o filenames
+            mapfile -t COMPREPLY < <(compgen -f -- "$cur")
+        fi
+        return
+    fi
+
     if [[ $command == train || $command == eval ]]; then
         if [[ $cur == -* && $command == train ]]; then
             mapfile -t COMPREPLY < <(compgen -W '--output --resume --threads --json --quiet --help' -- "$cur")
@@ -109,7 +123,7 @@ _brace()
         if [[ $COMP_CWORD -eq 2 ]]; then
             mapfile -t COMPREPLY < <(compgen -W 'sim conv model --help' -- "$cur")
         elif [[ $cur == -* ]]; then
-            mapfile -t COMPREPLY < <(compgen -W '--display --camera --channels --blocks --size --recompute --hand --quick --threads --json --quiet --help' -- "$cur")
+            mapfile -t COMPREPLY < <(compgen -W '--display --camera --channels --blocks --network --layers --size --recompute --hand --quick --threads --json --quiet --help' -- "$cur")
         else
             compopt -o filenames
             mapfile -t COMPREPLY < <(compgen -f -- "$cur")

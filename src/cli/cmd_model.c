@@ -34,7 +34,10 @@ static brace_status copy_text(char **out, const core_safetensors *file, const ch
 /* What a file that brace wrote says of itself. */
 static brace_status read_metadata(model_file *m, const core_safetensors *file, brace_error *error) {
     const char *model = core_safetensors_metadata(file, "model"), *network = core_safetensors_metadata(file, "network");
-    if (m->name[0] == '\0' && model != NULL) {
+    if (m->name[0] != '\0' && model != NULL && strcmp(m->name, model) != 0) {
+        return core_fail(error, BRACE_ERROR_MISMATCH, "%s: says that it is for %.60s, not for %s", m->path, model, m->name);
+    }
+    if (model != NULL) {
         snprintf(m->name, sizeof m->name, "%s", model);
     }
     if (!models_shape_named(&m->shape, m->name) && (network == NULL || !models_shape_named(&m->shape, "brace-s"))) {
@@ -65,8 +68,8 @@ static brace_status load(model_file *m, brace_error *error) {
     } else if (m->name[0] == '\0') { /* perhaps a checkpoint of PyTorch, which says nothing of its network */
         return core_fail(error, BRACE_ERROR_ARGUMENT, "%s; for a checkpoint of PyTorch, --network says of which network",
                          ignored.message);
-    } else if (!models_shape_named(&m->shape, m->name)) {
-        return core_fail(error, BRACE_ERROR_ARGUMENT, "--network takes %s, not '%s'", models_names, m->name);
+    } else {
+        models_shape_named(&m->shape, m->name);
     }
     if (status == BRACE_OK) {
         status = nn_weights_create(&m->weights, 0, error);
@@ -187,6 +190,10 @@ int cli_model(int argc, char **argv) {
     }
     if (code < 0 && strcmp(type, "f32") != 0 && strcmp(type, "f16") != 0 && strcmp(type, "bf16") != 0) {
         code = cli_wrong_usage(command, "--type is f32, f16 or bf16, not '%s'", type);
+    }
+    models_shape shape;
+    if (code < 0 && network != NULL && !models_shape_named(&shape, network)) {
+        code = cli_wrong_usage(command, "--network takes %s, not '%s'", models_names, network);
     }
     if (code < 0) {
         brace_error error = {0};

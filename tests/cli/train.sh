@@ -1,0 +1,75 @@
+#!/bin/bash
+# SPDX-License-Identifier: Apache-2.0
+# brace train: a run's files, what is refused, and runs that are killed at any moment and go on.
+source "$(dirname "$0")/lib.sh"
+
+config() {
+    cat <<JSON
+{ "model": "$1", "seed": 3, "batch": 4, "epochs": 2, "epoch_samples": 40, "checkpoint_steps": 1,
+  "network": {"channels": 8, "global": 1, "frame": 1, "extract": 0, "reconstruct": 0},
+  "data": {"width": 96, "height": 96, "crop": 16, "crops": 2, "transpose": false},
+  "validation": {"samples": 2}, "optimizer": {"rate": 0.001, "average": 0.5} }
+JSON
+}
+config brace-s >tiny.json
+
+# A run, undisturbed.
+run 0 train tiny.json -o whole -t 1 --json; cp out r.json
+is steps "$(json r.json steps)" 20
+is samples "$(json r.json samples)" 80
+exists whole/weights.safetensors; exists whole/plot.png; exists whole/config.json; exists whole/sheets/epoch_0002.png
+is 'lines of the log' "$(wc -l <whole/log.jsonl)" 22
+run 0 model whole/weights.safetensors; prints '20 steps'
+make_small
+run 0 restore small -qo a.png --model ./whole/weights.safetensors; exists a.png
+run 1 train tiny.json -o whole; says '--resume'
+run 0 train tiny.json -o whole --resume -q; silent # it is done
+sed 's/"seed": 3/"seed": 4/' tiny.json >other.json
+run 1 train other.json -o whole --resume; says "'seed' differs"
+
+# Killed at twenty moments, it ends with the same bytes.
+RANDOM=7 kills=0
+for _ in $(seq 20); do
+    "$brace" train tiny.json -o killed -t 1 --resume -q &
+    sleep "0.$((RANDOM % 900 + 100))"
+    kill -9 $! 2>/dev/null && kills=$((kills + 1))
+    wait $! 2>/dev/null
+done
+run 0 train tiny.json -o killed -t 1 --resume
+ok "weights after $kills kills" cmp whole/weights.safetensors killed/weights.safetensors
+ok 'the state' cmp whole/checkpoint.safetensors killed/checkpoint.safetensors
+ok 'it was killed' test $kills -gt 0
+leaves killed checkpoint.safetensors config.json log.jsonl plot.png sheets weights.safetensors
+times() { sed 's/"seconds":[^,]*,//; s/"waited":[^,]*,//; s/"samples_per_second":[^,}]*//' "$1"; }
+is 'the log' "$(times killed/log.jsonl | md5sum)" "$(times whole/log.jsonl | md5sum)"
+
+# Ctrl-C saves and says how to go on.
+"$brace" train tiny.json -o stopped -t 1 2>err &
+sleep 1
+kill -INT $! 2>/dev/null
+wait $! 2>/dev/null
+run 0 train tiny.json -o stopped -t 1 --resume -q
+ok 'the same after Ctrl-C' cmp whole/weights.safetensors stopped/weights.safetensors
+
+# Two processes share each batch, with the same result but for rounding.
+if [ "${BRACE_TEST_MPIRUN:-}" != "" ]; then
+    export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+    ok 'two processes' $BRACE_TEST_MPIRUN -n 2 "$brace" train tiny.json -o two -t 1 -q
+    run 0 restore small -qo b.png --model ./two/weights.safetensors
+    ok 'nearly the same network' "$helper" same a.png b.png 2
+fi
+
+# What cannot be.
+run 2 train; says 'which configuration'
+run 1 train nothing.json; says 'nothing.json'
+config nonsense | grep -v network >bad.json
+run 1 train bad.json -o bad; says 'brace-s'; absent bad/weights.safetensors
+sed 's/"channels": 8/"channels": 9999/' tiny.json >bad.json
+run 1 train bad.json -o bad; says 'channels'
+sed 's/"batch": 4/"batches": 4/' tiny.json >bad.json
+run 1 train bad.json -o bad; says 'batches'
+printf '{' >bad.json
+run 1 train bad.json; says 'bad.json'
+touch file
+run 1 train tiny.json -o file/run; says 'file'
+finish
