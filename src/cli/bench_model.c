@@ -100,7 +100,7 @@ static void build_blocks(model *m, const model_params *p, nn_type type) {
 }
 
 static void build_network(model *m, const model_params *p) {
-    const int n = p->network->frames;
+    const int n = models_views(p->network);
     const models_inputs in = {.frames = nn_input(m->g, "frames", (nn_shape){n, p->height, p->width, 8}),
                               .flow = nn_input(m->g, "flow", (nn_shape){n, p->height, p->width, 2}),
                               .white = nn_input(m->g, "white", (nn_shape){n, 1, 1, 1}),

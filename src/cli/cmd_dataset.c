@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "sim/dataset.h"
+#include "train/guides.h"
 #include "train/motions.h"
 
 typedef struct common {
@@ -176,8 +177,9 @@ static int run_pack(int argc, char **argv) {
         COMMON_OPTIONS(c)};
     const cli_usage usage = {command, "FOLDER -o SHARDS [options]",
                              "Packs the samples of a set into safetensors files (uint16 frames and truths,\n"
-                             "metadata as JSON), which training maps into memory, and aligns their brackets\n"
-                             "(motions.safetensors). The same samples give the same bytes.",
+                             "metadata as JSON), which training maps into memory, and aligns and merges their\n"
+                             "brackets (motions.safetensors, guides.safetensors), which training needs again\n"
+                             "and again. The same samples give the same bytes.",
                              options, "Example:\n  brace dataset pack set/ -o shards/\n"};
     int code = cli_parse(&usage, argc, argv, &operands);
     if (code < 0) {
@@ -196,6 +198,9 @@ static int run_pack(int argc, char **argv) {
         brace_status status = dataset_pack(operands.items[0], c.output, &params, &job, &shards, &error);
         if (status == BRACE_OK) {
             status = train_motions_make(c.output, &job, &error);
+        }
+        if (status == BRACE_OK) {
+            status = train_guides_make(c.output, &job, &error);
         }
         code = ended(command, &report, &c, status, &error);
         if (code == CLI_DONE && c.json) {

@@ -84,7 +84,7 @@ static brace_status load(model_file *m, brace_error *error) {
         return status;
     }
     nn_graph *g = m->graph;
-    const int n = m->shape.frames;
+    const int n = models_views(&m->shape);
     const models_inputs in = {
         nn_input(g, "frames", (nn_shape){n, SIDE, SIDE, 8}), nn_input(g, "flow", (nn_shape){n, SIDE, SIDE, 2}),
         nn_input(g, "white", (nn_shape){n, 1, 1, 1}), nn_input(g, "descriptors", (nn_shape){n, 1, 1, 8}),
@@ -154,6 +154,7 @@ static void print(const model_file *m) {
     printf("  brackets of %d frames; %d channels at 1/%d of the packed resolution\n", s->frames, s->channels, s->unshuffle);
     printf("  residual blocks: %d extraction, %d shared and %d of each frame, %d reconstruction\n", s->extract, s->global,
            s->frame, s->reconstruct);
+    printf("  shown the merged picture, too: %s\n", s->guide ? "yes" : "no");
     printf("  alignment: %s%s\n", s->spynet ? "optical flow" : "measured motion",
            s->groups > 0 ? " and deformable convolution" : "");
     printf("  MSCAM: %s%s%s\n", s->mscam ? "yes" : "no", s->mscam && s->prior ? ", with banding prior" : "",

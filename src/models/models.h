@@ -29,6 +29,7 @@ typedef struct models_shape {
     int offset;      /* convolutions before that of the deformable offsets */
     int groups;      /* of the deformable convolution; 0: frames are moved by the flow instead, before all else */
     bool spynet;     /* flow by SPyNet; false: flow is an input, measured by restore's alignment */
+    bool guide;      /* the merged picture (restore/restore.c) is shown beside the frames, as the last of them */
     bool blend;      /* the result is the reference, times a gain, plus what is taken from other frames, plus a rest;
                         false: what the last convolution gives */
     bool mscam;      /* multi-scale spatial cross-attention modulator */
@@ -46,13 +47,19 @@ void models_shape_read(models_shape *shape, const json_at *object);
 json_t *models_shape_json(const models_shape *shape); /* all keys; NULL: out of memory */
 bool models_shape_equal(const models_shape *a, const models_shape *b);
 
-/* What a network is shown: the reference first, then the others from short to long. h and w are multiples of
- * `unshuffle`. Values that a network has no use for may be 0. */
+/* How many pictures a network is shown: the frames of the bracket, and the guide. */
+static inline int models_views(const models_shape *shape) {
+    return shape->frames + (shape->guide ? 1 : 0);
+}
+
+/* What a network is shown: the reference first, then the others from short to long, then the guide. h and w are
+ * multiples of `unshuffle`. Values that a network has no use for may be 0. Below, `frames` counts the guide, too. */
 typedef struct models_inputs {
     nn_value frames;      /* {frames, h, w, 8}: R, G, G, B, each linear and under max(x, 0)^(1/2.2), at the reference's
                              exposure */
-    nn_value flow;        /* {frames, h, w, 2}: where a pixel of the reference is found, (dx, dy); 0 for the reference */
-    nn_value white;       /* {frames, 1, 1, 1}: at which value of `frames` each clips */
+    nn_value flow;        /* {frames, h, w, 2}: where a pixel of the reference is found, (dx, dy); 0 for the reference and
+                             the guide */
+    nn_value white;       /* {frames, 1, 1, 1}: at which value of `frames` each clips; the guide at that of the shortest */
     nn_value descriptors; /* {frames, 1, 1, 8}: of the banding prior */
     nn_value rho;         /* {frames, 1, 1, 1} */
 } models_inputs;

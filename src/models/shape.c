@@ -20,6 +20,7 @@ bool models_shape_named(models_shape *out, const char *name) {
     *out = name[strlen(name) - 1] == 's' ? everyday : paper;
     out->mscam = out->prior = small || large;
     out->strip = small ? 64 : 0;
+    out->guide = small;
     return true;
 }
 
@@ -41,6 +42,7 @@ static const struct {
     {"strip", offsetof(models_shape, strip), 0, 4096},
 }, switches[] = {
     {"spynet", offsetof(models_shape, spynet), 0, 1},
+    {"guide", offsetof(models_shape, guide), 0, 1},
     {"blend", offsetof(models_shape, blend), 0, 1},
     {"mscam", offsetof(models_shape, mscam), 0, 1},
     {"prior", offsetof(models_shape, prior), 0, 1},

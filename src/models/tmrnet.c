@@ -16,7 +16,7 @@
  *
  * where v are the frames under the gamma curve, moved by the flow, m_i falls to 0 where frame i clips, and a and b are
  * maps of the last convolution, which begin as a_0 = 1 and 0 else: the network begins as the reference, and steady
- * light needs nothing else.
+ * light needs nothing else. With a guide, which is the last v, its a begins as 1, too: the network begins as merging.
  */
 #include "models/models.h"
 
@@ -88,10 +88,11 @@ static nn_value align(nn_graph *g, const models_shape *shape, nn_value features,
 static nn_value aggregate(nn_graph *g, const models_shape *shape, nn_value features) {
     const int c = shape->channels;
     const nn_value base = nn_slice(g, features, NN_AXIS_N, 0, 1, 1);
-    const nn_value gates = nn_param(g, "learn_para", (nn_shape){shape->frames, 1, 1, c}, 5,
-                                    (const int[]){1, shape->frames, c, 1, 1}, NN_INIT_ZERO);
+    const int views = models_views(shape);
+    const nn_value gates =
+        nn_param(g, "learn_para", (nn_shape){views, 1, 1, c}, 5, (const int[]){1, views, c, 1, 1}, NN_INIT_ZERO);
     nn_value h = nn_affine(g, base, 0, 0);
-    for (int i = 0; i < shape->frames; i++) {
+    for (int i = 0; i < views; i++) {
         char name[32];
         const nn_value f = nn_slice(g, features, NN_AXIS_N, i, i + 1, 1);
         nn_value x = nn_concat(g, NN_AXIS_C, 3, (nn_value[]){base, f, h});
@@ -104,7 +105,7 @@ static nn_value aggregate(nn_graph *g, const models_shape *shape, nn_value featu
     return nn_concat(g, NN_AXIS_C, 2, (nn_value[]){base, h});
 }
 
-/* y of the header, from maps {1, h, w, 4 frames + 4}. */
+/* y of the header, from maps {1, h, w, 4 views + 4}. */
 static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, nn_value frames, nn_value white_level) {
     const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2), first = nn_slice(g, all, NN_AXIS_N, 0, 1, 1);
     const nn_value moved = others(g, all);
@@ -113,11 +114,13 @@ static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, nn_
     const nn_value trust = nn_clamp(g, nn_affine(g, nn_div(g, moved, white), -1 / 0.15, 0.95 / 0.15), 0, 1);
     const nn_value more = nn_mul(g, nn_sub(g, moved, first), trust);
     nn_value y = nn_mul(g, first, nn_affine(g, nn_slice(g, maps, NN_AXIS_C, 0, 4, 1), 1, 1));
-    for (int i = 1; i < shape->frames; i++) {
-        const nn_value share = nn_slice(g, maps, NN_AXIS_C, 4 * i, 4 * i + 4, 1);
+    const int views = models_views(shape);
+    for (int i = 1; i < views; i++) {
+        const bool guide = shape->guide && i == views - 1;
+        const nn_value map = nn_slice(g, maps, NN_AXIS_C, 4 * i, 4 * i + 4, 1), share = guide ? nn_affine(g, map, 1, 1) : map;
         y = nn_add(g, y, nn_mul(g, nn_slice(g, more, NN_AXIS_N, i - 1, i, 1), share));
     }
-    y = nn_add(g, y, nn_slice(g, maps, NN_AXIS_C, 4 * shape->frames, 4 * shape->frames + 4, 1));
+    y = nn_add(g, y, nn_slice(g, maps, NN_AXIS_C, 4 * views, 4 * views + 4, 1));
     return nn_mul(g, y, nn_pow(g, nn_abs(g, y), gamma_curve - 1));
 }
 
@@ -125,8 +128,8 @@ static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, nn_
 static bool fits(nn_graph *g, const models_shape *shape, const models_inputs *in) {
     const nn_shape s = nn_shape_of(g, in->frames), flow = nn_shape_of(g, in->flow);
     const int by = shape->unshuffle;
-    if (s.n != shape->frames || s.c != 8) {
-        nn_reject(g, "%d frames of %d channels; the network takes %d of 8", s.n, s.c, shape->frames);
+    if (s.n != models_views(shape) || s.c != 8) {
+        nn_reject(g, "%d frames of %d channels; the network takes %d of 8", s.n, s.c, models_views(shape));
     } else if (s.h % by != 0 || s.w % by != 0) {
         nn_reject(g, "a picture of %d x %d; the network takes multiples of %d", s.w, s.h, by);
     } else if (!shape->spynet && (flow.n != s.n || flow.h != s.h || flow.w != s.w || flow.c != 2)) {
@@ -157,7 +160,7 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
     f = shape->mscam ? models_mscam(g, shape, f, in) : f;
     f = models_residual_blocks(g, "reconstruction", aggregate(g, shape, f), c, shape->reconstruct);
 
-    const int result = shape->blend ? 4 * shape->frames + 4 : 4;
+    const int result = shape->blend ? 4 * models_views(shape) + 4 : 4;
     f = nn_conv2d(g, nn_cast(g, unshuffle(g, first, by), nn_graph_type(g)),
                   &(nn_conv){.name = "skipup1.upsample_conv", .out = c, .kernel = 3, .pad = 1, .residual = f,
                              .init = NN_INIT_HE_FAN_IN});

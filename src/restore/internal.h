@@ -67,7 +67,8 @@ void restore_motion_at(const restore_motion *motion, double x, double y, size_t 
 /* As it is reported: pixels of the mosaic, of a picture `width` packed pixels wide. */
 brace_motion restore_motion_report(const restore_motion *motion, size_t width);
 /* The motions of all frames of a bracket, which have one size; none for the reference and for those that are not
- * found. */
+ * found: whose confidence is less than this. */
+#define RESTORE_FOUND 0.3
 brace_status restore_motions(restore_motion *out, const brace_frame *const *frames, size_t count, size_t reference,
                              core_pool *pool, const brace_job *job, brace_error *error);
 
@@ -119,6 +120,11 @@ brace_status restore_fuse(restore_view *views, size_t count, size_t reference, c
  * their errors. In place; `scratch` is overwritten. */
 void restore_smooth(restore_picture *picture, restore_picture *scratch, const restore_picture *precision,
                     const uint8_t *doubt, core_pool *pool);
+
+/* restore.c: merging, into a mosaic normalised to the reference's [black, white]. `motion` of each frame; NULL: the camera
+ * stood still. Adds to the report what it measured. */
+brace_status restore_merge(float *mosaic, brace_restore_report *report, const brace_bracket *bracket,
+                           const restore_motion *motion, const brace_job *job, core_pool *pool, brace_error *error);
 
 static inline v4 v4_set(float x) {
     return (v4){x, x, x, x};

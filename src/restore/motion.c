@@ -45,8 +45,6 @@ brace_motion restore_motion_report(const restore_motion *m, size_t width) {
                           .confidence = m->confidence};
 }
 
-static const double least_confidence = 0.3; /* below, a frame is taken where it was shot */
-
 brace_status restore_motions(restore_motion *out, const brace_frame *const *frames, size_t count, size_t reference,
                              core_pool *pool, const brace_job *job, brace_error *error) {
     restore_pyramid *first = NULL;
@@ -69,7 +67,7 @@ brace_status restore_motions(restore_motion *out, const brace_frame *const *fram
         status = restore_pyramid_create(&moved, &packed, frames[i], pool, error);
         if (status == BRACE_OK) {
             restore_align(&out[i], first, moved, pool);
-            if (out[i].confidence < least_confidence) {
+            if (out[i].confidence < RESTORE_FOUND) {
                 out[i] = (restore_motion){.confidence = out[i].confidence};
             }
         }

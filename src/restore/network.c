@@ -152,7 +152,8 @@ static void join_rows(void *arg, size_t begin, size_t end, int worker) {
 }
 
 typedef struct work {
-    restore_motion motion[BRACE_BRACKET_MAX];
+    const restore_motion *motion;
+    float *guide;
     restore_tiles tiles;
     float share[2][RESTORE_TILE_MOST]; /* along x and y */
     uint32_t bad[256];
@@ -161,7 +162,7 @@ typedef struct work {
 static brace_status one_tile(work *w, restore_network *n, const brace_bracket *b, brace_restored *out, int column,
                              int row, core_pool *pool, brace_error *error) {
     const restore_tiles *t = &w->tiles;
-    const restore_tile tile = {.bracket = b, .motion = w->motion,
+    const restore_tile tile = {.bracket = b, .motion = w->motion, .guide = w->guide,
                                .x = restore_tile_begin(t->width, t->across, t->columns, column),
                                .y = restore_tile_begin(t->height, t->down, t->rows, row)};
     brace_status status = restore_network_show(n, &tile, pool, error);
@@ -181,7 +182,7 @@ static brace_status one_tile(work *w, restore_network *n, const brace_bracket *b
 }
 
 brace_status restore_network_run(brace_restored *out, restore_network *n, const brace_bracket *b,
-                                 const brace_restore_params *params, const brace_job *job, core_pool *pool,
+                                 const restore_motion *motion, const brace_restore_params *params, const brace_job *job, core_pool *pool,
                                  brace_error *error) {
     const brace_frame *reference = b->frames[b->reference];
     const int width = ((int)reference->width - restore_red_column(reference->cfa) + 1) / 2;
@@ -191,17 +192,15 @@ brace_status restore_network_run(brace_restored *out, restore_network *n, const 
     if (w == NULL) {
         return core_fail_memory(error, sizeof *w, "tiles");
     }
+    w->motion = motion;
     brace_status status = BRACE_OK;
-    double start = core_seconds();
-    if (params == NULL || !params->no_align) {
-        status = restore_motions(w->motion, (const brace_frame *const *)b->frames, b->count, b->reference, pool, job,
-                                 error);
-        for (size_t i = 0; i < b->count && status == BRACE_OK; i++) {
-            report->motion[i] = restore_motion_report(&w->motion[i], ((size_t)reference->width + 1) / 2);
-        }
+    if (n->shape.guide) {
+        const size_t count = (size_t)reference->width * reference->height;
+        w->guide = core_alloc(count, sizeof *w->guide);
+        status = w->guide != NULL ? restore_merge(w->guide, report, b, motion, job, pool, error)
+                                  : core_fail_memory(error, count * sizeof *w->guide, "the merged picture");
     }
-    report->seconds_align = core_seconds() - start;
-    start = core_seconds();
+    const double start = core_seconds();
     if (status == BRACE_OK) {
         status = choose(&w->tiles, n, width, height, params, job, error);
     }
@@ -233,9 +232,11 @@ brace_status restore_network_run(brace_restored *out, restore_network *n, const 
         snprintf(report->model, sizeof report->model, "%s", n->name);
         snprintf(report->weights, sizeof report->weights, "%s", n->path);
         for (size_t i = 0; i < b->count; i++) {
-            report->weight[i] = report->banding[i] = NAN;
+            report->weight[i] = NAN; /* networks don't tell */
+            report->banding[i] = n->shape.guide ? report->banding[i] : NAN;
         }
     }
+    core_free(w->guide);
     core_free(w);
     return status;
 }

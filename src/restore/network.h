@@ -65,6 +65,7 @@ void restore_tile_share(float *share, int length, int tile, int count, int k);
 typedef struct restore_tile {
     const brace_bracket *bracket;
     const restore_motion *motion; /* of each frame */
+    const float *guide;           /* the merged mosaic; NULL: the network has no use for it */
     int x, y;                     /* of the picture, packed */
 } restore_tile;
 
@@ -83,7 +84,7 @@ brace_status restore_network_show(restore_network *network, const restore_tile *
 /* Whether the network can restore this bracket; `why` gets the reason if not. */
 bool restore_network_fits(const restore_network *network, const brace_bracket *bracket, char *why, size_t size);
 brace_status restore_network_run(brace_restored *out, restore_network *network, const brace_bracket *bracket,
-                                 const brace_restore_params *params, const brace_job *job, core_pool *pool,
+                                 const restore_motion *motion, const brace_restore_params *params, const brace_job *job, core_pool *pool,
                                  brace_error *error);
 
 #endif

@@ -36,15 +36,19 @@ size_t restore_network_frame(const brace_bracket *b, int i) {
 /* A frame's numbers at the reference's exposure. */
 typedef struct view {
     const brace_frame *frame;
+    const float *light; /* the guide's, of the frame's size; NULL: the frame's own samples */
     float scale[4];
     int column, row; /* of the mosaic, where packed (0, 0) begins */
 } view;
 
-static view view_of(const brace_bracket *b, size_t index) {
+static view view_of(const restore_tile *tile, int i) {
+    const brace_bracket *b = tile->bracket;
+    const bool guide = (size_t)i == b->count;
+    const size_t index = guide ? b->reference : restore_network_frame(b, i);
     const brace_frame *f = b->frames[index];
-    view v = {.frame = f, .column = restore_red_column(f->cfa), .row = restore_red_row(f->cfa)};
-    for (int i = 0; i < 4; i++) {
-        v.scale[i] = (float)(1 / b->exposure[index]) / (f->white - f->black[i]);
+    view v = {.frame = f, .light = guide ? tile->guide : NULL, .column = restore_red_column(f->cfa), .row = restore_red_row(f->cfa)};
+    for (int k = 0; k < 4; k++) {
+        v.scale[k] = (float)(1 / b->exposure[index]) / (f->white - f->black[k]);
     }
     return v;
 }
@@ -59,6 +63,10 @@ static void read_row(float *out, const view *v, int64_t x, int64_t y, int count)
             int64_t sx = 2 * x + i + v->column;
             sx = sx >= 0 && sx < f->width ? sx : raw_mirror(sx, f->width);
             const size_t site = (size_t)((sy & 1) * 2 + (sx & 1));
+            if (v->light != NULL) {
+                out[4 * (i / 2) + 2 * dy + (i & 1)] = v->light[(size_t)sy * f->width + (size_t)sx];
+                continue;
+            }
             out[4 * (i / 2) + 2 * dy + (i & 1)] = ((float)row[sx] - f->black[site]) * v->scale[site];
         }
     }
@@ -109,7 +117,7 @@ static int whole(double motion, uint32_t most) {
 }
 
 static brace_status show_prior(restore_network *n, const restore_tile *tile, int i, brace_error *error) {
-    const view v = view_of(tile->bracket, restore_network_frame(tile->bracket, i));
+    const view v = view_of(tile, i);
     const nn_shape s = nn_shape_of(n->graph, n->inputs.frames);
     const int most_x = ((int)v.frame->width - v.column + 1) / 2, most_y = ((int)v.frame->height - v.row + 1) / 2;
     const int width = most_x < n->side ? most_x : n->side, height = most_y < n->side ? most_y : n->side;
@@ -149,8 +157,10 @@ brace_status restore_network_show(restore_network *n, const restore_tile *tile, 
     }
     brace_status status = BRACE_OK;
     for (int i = 0; i < shape.n && status == BRACE_OK; i++) {
-        const size_t index = restore_network_frame(tile->bracket, i);
-        shown s = {.tile = tile, .motion = &tile->motion[index], .v = view_of(tile->bracket, index), .rows = rows,
+        static const restore_motion none = {.confidence = 1};
+        const bool guide = (size_t)i == tile->bracket->count; /* lies as the reference does, as far as any frame reaches */
+        const size_t index = guide ? 0 : restore_network_frame(tile->bracket, i);
+        shown s = {.tile = tile, .motion = guide ? &none : &tile->motion[index], .v = view_of(tile, i), .rows = rows,
                    .width = shape.w, .height = shape.h,
                    .frames = (float *)nn_data(n->graph, n->inputs.frames) + 8 * pixels * (size_t)i,
                    .flow = (float *)nn_data(n->graph, n->inputs.flow) + 2 * pixels * (size_t)i};

@@ -144,7 +144,7 @@ brace_status restore_network_plan(restore_network *n, int width, int height, bra
         return status;
     }
     nn_graph *g = n->graph;
-    const int frames = n->shape.frames;
+    const int frames = models_views(&n->shape);
     n->inputs = (models_inputs){nn_input(g, "frames", (nn_shape){frames, height, width, 8}),
                                 nn_input(g, "flow", (nn_shape){frames, height, width, 2}),
                                 nn_input(g, "white", (nn_shape){frames, 1, 1, 1}),

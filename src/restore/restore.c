@@ -39,57 +39,32 @@ typedef struct merge_state {
     restore_view view[BRACE_BRACKET_MAX];
     restore_picture packed, sum, weight, precision;
     uint8_t *doubt;
-    restore_pyramid *reference, *moved;
 } merge_state;
 
-static brace_status merge_align(merge_state *s, const brace_bracket *bracket, const brace_restore_params *params,
-                                brace_restore_report *report, const brace_job *job, core_pool *pool,
-                                brace_error *error) {
-    const size_t reference = bracket->reference;
-    brace_status status;
-    bool align = !(params && params->no_align);
-    if (align) {
-        restore_pack(&s->packed, bracket->frames[reference], pool);
-        status = restore_pyramid_create(&s->reference, &s->packed, bracket->frames[reference], pool, error);
+/* Every frame as seen from the reference's pose. */
+static brace_status merge_views(merge_state *s, const brace_bracket *bracket, const restore_motion *motion,
+                                const brace_job *job, core_pool *pool, brace_error *error) {
+    for (size_t i = 0; i < bracket->count; i++) {
+        brace_status status = core_check_cancel(job, error);
         if (status)
             return status;
-    }
-    for (size_t i = 0; i < bracket->count; i++) {
-        if ((status = core_check_cancel(job, error)))
-            return status;
-        core_progress(job, "aligning", i, bracket->count);
-        const brace_frame *frame = bracket->frames[i];
-        restore_motion motion = {.confidence = 1};
-        restore_pack(&s->packed, frame, pool);
-        if (align && i != reference) {
-            status = restore_pyramid_create(&s->moved, &s->packed, frame, pool, error);
-            if (status)
-                return status;
-            restore_align(&motion, s->reference, s->moved, pool);
-            restore_pyramid_destroy(s->moved);
-            s->moved = NULL;
-        }
-        /* A longer frame that clips nearly everywhere may not be found; it would mislead all shorter ones.
-         * A shorter one that is too dark to be found is taken where it was shot, for its highlights. */
-        bool lost_frame = motion.confidence < 0.3, unused = lost_frame && bracket->exposure[i] > 1;
-        if (lost_frame && bracket->exposure[i] < 1 && motion.confidence < 0.1)
-            motion = (restore_motion){.confidence = motion.confidence};
-        if (unused)
-            motion = (restore_motion){.confidence = 0};
-        report->motion[i] = restore_motion_report(&motion, s->packed.width);
-        status = restore_view_create(&s->view[i], &s->packed, frame, bracket->exposure[i],
-                                     align && i != reference ? &motion : NULL, pool, error);
+        const bool still = motion == NULL || i == bracket->reference;
+        const double confidence = still ? 1 : motion[i].confidence, exposure = bracket->exposure[i];
+        restore_pack(&s->packed, bracket->frames[i], pool);
+        status = restore_view_create(&s->view[i], &s->packed, bracket->frames[i], exposure, still ? NULL : &motion[i],
+                                     pool, error);
         if (status)
             return status;
         s->made = i + 1;
-        if (unused)
+        /* A longer frame that clips nearly everywhere may not be found; it would mislead all shorter ones.
+         * A shorter one that is too dark to be found is taken where it was shot, for its highlights. */
+        if (confidence < RESTORE_FOUND && exposure > 1)
             memset(s->view[i].trust, 0, 4 * s->packed.width * s->packed.height);
         /* Longer frames blur more under a hand's tremor; a frame that hardly
          * correlates may lie a pixel off. */
-        double lost = 1 - motion.confidence;
-        s->view[i].blur = i == reference ? 0 : (float)(0.4 * pow(fmax(bracket->exposure[i], 1), 0.15) + lost * lost);
+        const double lost = 1 - confidence;
+        s->view[i].blur = still ? 0 : (float)(0.4 * pow(fmax(exposure, 1), 0.15) + lost * lost);
     }
-    core_progress(job, "aligning", bracket->count, bracket->count);
     return BRACE_OK;
 }
 
@@ -131,23 +106,20 @@ static void box_rows(void *arg, size_t begin, size_t end, int worker) {
     }
 }
 
-static brace_status merge(brace_restored *out, const brace_bracket *bracket, const brace_restore_params *params,
-                          const brace_job *job, core_pool *pool, brace_error *error) {
+brace_status restore_merge(float *mosaic, brace_restore_report *report, const brace_bracket *bracket,
+                           const restore_motion *motion, const brace_job *job, core_pool *pool, brace_error *error) {
     const brace_frame *reference = bracket->frames[bracket->reference];
     const size_t width = (reference->width + 1) / 2, height = (reference->height + 1) / 2;
-    brace_restore_report *report = &out->report;
     merge_state s = {.count = bracket->count};
     double start = core_seconds();
 
     brace_status status = restore_picture_create(&s.packed, width, height, "a packed frame", error);
     if (status)
         goto done;
-    status = merge_align(&s, bracket, params, report, job, pool, error);
+    status = merge_views(&s, bracket, motion, job, pool, error);
     if (status)
         goto done;
-    restore_pyramid_destroy(s.reference);
-    s.reference = NULL;
-    report->seconds_align = core_seconds() - start;
+    report->seconds_align += core_seconds() - start;
 
     if ((status = core_check_cancel(job, error)))
         goto done;
@@ -192,16 +164,35 @@ static brace_status merge(brace_restored *out, const brace_bracket *bracket, con
         goto done;
     restore_smooth(&s.sum, &s.weight, &s.precision, s.doubt, pool);
     restore_picture_free(&s.precision);
-    restore_unpack(out->mosaic, reference, &s.sum, pool);
+    restore_unpack(mosaic, reference, &s.sum, pool);
     core_progress(job, "fusing", 2, 2);
     report->seconds_fuse = core_seconds() - start;
 done:
     for (size_t i = 0; i < s.count; i++)
         restore_view_free(&s.view[i]);
-    restore_pyramid_destroy(s.reference), restore_pyramid_destroy(s.moved);
     restore_picture_free(&s.packed), restore_picture_free(&s.sum);
     restore_picture_free(&s.weight), restore_picture_free(&s.precision);
     core_free(s.doubt);
+    return status;
+}
+
+/* Where the frames lie on the reference; none of them moved if the camera stood still. */
+static brace_status find_motions(restore_motion *motion, brace_restore_report *report, const brace_bracket *bracket,
+                                 const brace_restore_params *params, const brace_job *job, core_pool *pool,
+                                 brace_error *error) {
+    const double start = core_seconds();
+    for (size_t i = 0; i < bracket->count; i++)
+        motion[i] = (restore_motion){.confidence = 1};
+    if (params && params->no_align)
+        return BRACE_OK;
+    brace_status status = restore_motions(motion, (const brace_frame *const *)bracket->frames, bracket->count,
+                                          bracket->reference, pool, job, error);
+    for (size_t i = 0; i < bracket->count && !status; i++) {
+        report->motion[i] = restore_motion_report(&motion[i], (bracket->frames[i]->width + 1) / 2);
+        if (motion[i].confidence < RESTORE_FOUND && bracket->exposure[i] > 1)
+            report->motion[i].confidence = 0;
+    }
+    report->seconds_align = core_seconds() - start;
     return status;
 }
 
@@ -265,6 +256,7 @@ brace_status brace_restore(brace_restored **out, const brace_bracket *bracket, c
         return core_fail_memory(error, sizeof *r, "the result");
     }
     core_pool *pool = NULL;
+    restore_motion motion[BRACE_BRACKET_MAX];
     status = core_pool_create(&pool, job, error);
     if (!status)
         status = brace_frame_clone(&r->frame, reference, error);
@@ -281,8 +273,10 @@ brace_status brace_restore(brace_restored **out, const brace_bracket *bracket, c
             r->report.weight[bracket->reference] = 1;
             raw_normalise(reference, r->mosaic, pool);
         } else {
-            status = network ? restore_network_run(r, network, bracket, params, job, pool, error)
-                             : merge(r, bracket, params, job, pool, error);
+            status = find_motions(motion, &r->report, bracket, params, job, pool, error);
+            if (!status)
+                status = network ? restore_network_run(r, network, bracket, motion, params, job, pool, error)
+                                 : restore_merge(r->mosaic, &r->report, bracket, motion, job, pool, error);
             if (!status)
                 raw_quantise(r->frame, r->mosaic, pool);
         }

@@ -19,6 +19,9 @@
 #include "core/core.h"
 
 #define DATASET_FORMAT "brace-dataset-1"
+/* What training keeps beside the shards (train/motions.h, train/guides.h). */
+#define DATASET_MOTIONS "motions.safetensors"
+#define DATASET_GUIDES "guides.safetensors"
 #define DATASET_META_LIMIT ((size_t)1 << 20)
 #define DATASET_INDEX_LIMIT ((size_t)256 << 20)
 

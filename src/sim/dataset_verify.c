@@ -304,7 +304,8 @@ static void verify_packed(verifier *v, const core_safetensors *file, const char 
 static bool is_shard(const char *name) {
     static const char end[] = ".safetensors";
     size_t n = strlen(name);
-    return name[0] != '.' && n > sizeof end - 1 && strcmp(name + n - (sizeof end - 1), end) == 0;
+    return name[0] != '.' && n > sizeof end - 1 && strcmp(name + n - (sizeof end - 1), end) == 0 &&
+           strcmp(name, DATASET_MOTIONS) != 0 && strcmp(name, DATASET_GUIDES) != 0;
 }
 
 static brace_status verify_shards(verifier *v, const char *folder, bool *any, const brace_job *job,

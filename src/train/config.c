@@ -23,9 +23,10 @@ static void read_data(train_config *c, const json_at *root) {
     json_at data;
     train_source_params *d = &c->data;
     d->frames = 5, d->side = 128, d->crops = 4, d->mirrored = d->transposed = true, d->seed = c->seed;
-    d->align = c->known && !c->shape.spynet;
+    d->align = c->known && (!c->shape.spynet || c->shape.guide);
     if (c->known) {
         d->frames = c->shape.frames;
+        d->guide = c->shape.guide;
     }
     c->data_threads = 1;
     if (!json_check_object(root, "data", &data)) {

@@ -48,3 +48,14 @@ void train_crop(float *out, const train_view *view, uint32_t width, const train_
         }
     }
 }
+
+void train_crop_guide(float *out, const uint16_t *guide, uint32_t width, const train_window *window, int side) {
+    const ptrdiff_t dx = window->flip_x ? -1 : 1, dy = window->flip_y ? -1 : 1;
+    for (ptrdiff_t y = 0; y < 2 * side; y++) {
+        for (ptrdiff_t x = 0; x < 2 * side; x++) {
+            const size_t sx = (size_t)((ptrdiff_t)window->x0 + dx * (window->transpose ? y : x));
+            const size_t sy = (size_t)((ptrdiff_t)window->y0 + dy * (window->transpose ? x : y));
+            out[((y / 2) * side + x / 2) * 4 + (y & 1) * 2 + (x & 1)] = train_guide_light(guide[sy * width + sx]);
+        }
+    }
+}

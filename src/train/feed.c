@@ -89,7 +89,7 @@ static brace_status make_places(train_feed *f, brace_error *error) {
             return core_fail_memory(error, (size_t)p->crops * sizeof(train_sample), "samples");
         }
         for (int k = 0; k < p->crops && status == BRACE_OK; k++) {
-            status = train_sample_create(&f->places[i].samples[k], p->frames, p->side, error);
+            status = train_sample_create(&f->places[i].samples[k], p->frames + p->guide, p->side, error);
         }
     }
     return status;

@@ -11,8 +11,8 @@
 #include "core/sha256.h"
 #include "sim/dataset.h"
 
-static const char file_name[] = "motions.safetensors", file_format[] = "brace motions 1";
-static const char *const splits[] = {"train", "test", "samples"};
+static const char file_format[] = "brace motions 1";
+const char *const train_splits[] = {"train", "test", "samples", NULL};
 
 /* A motion as numbers: affine part, nodes, confidence, displacements. */
 enum { NODES = RESTORE_GRID * RESTORE_GRID, NUMBERS = 9 + 2 * NODES };
@@ -58,7 +58,7 @@ static void names_of(char out[65], const train_packed *packed) {
 }
 
 static void read_file(train_motions *m, const train_packed *packed, const char *folder, const char *split) {
-    char *path = dataset_path(folder, file_name), names[65];
+    char *path = dataset_path(folder, DATASET_MOTIONS), names[65];
     if (path == NULL || access(path, R_OK) != 0 || core_safetensors_open(&m->file, path, NULL) != BRACE_OK) {
         core_free(path);
         return;
@@ -197,7 +197,7 @@ static brace_status make_split(core_safetensors_writer *writer, const train_pack
 brace_status train_motions_make(const char *folder, const brace_job *job, brace_error *error) {
     core_pool *pool = NULL;
     core_safetensors_writer *writer = NULL;
-    char *path = dataset_path(folder, file_name);
+    char *path = dataset_path(folder, DATASET_MOTIONS);
     brace_status status = path != NULL ? core_pool_create(&pool, job, error) : core_fail_memory(error, 256, "a name");
     if (status == BRACE_OK) {
         status = core_safetensors_create(&writer, path, 0, error);
@@ -205,10 +205,10 @@ brace_status train_motions_make(const char *folder, const brace_job *job, brace_
     if (status == BRACE_OK) {
         status = core_safetensors_add_metadata(writer, "format", file_format, error);
     }
-    for (size_t i = 0; i < sizeof splits / sizeof *splits && status == BRACE_OK; i++) {
+    for (size_t i = 0; train_splits[i] != NULL && status == BRACE_OK; i++) {
         train_packed *packed = NULL;
-        if (train_packed_open(&packed, folder, splits[i], 0, NULL) == BRACE_OK) {
-            status = make_split(writer, packed, splits[i], pool, job, error);
+        if (train_packed_open(&packed, folder, train_splits[i], 0, NULL) == BRACE_OK) {
+            status = make_split(writer, packed, train_splits[i], pool, job, error);
         }
         train_packed_close(packed);
     }

@@ -15,7 +15,7 @@ brace_status train_network_create(train_network *out, const train_config *config
     if (model == NULL && !config->known) {
         return core_fail(error, BRACE_ERROR_ARGUMENT, "model: \"%s\" is none of %s", config->model, models_names);
     }
-    const int frames = config->data.frames, side = config->data.side;
+    const int frames = config->data.frames + config->data.guide, side = config->data.side;
     brace_status status = nn_weights_create(&out->weights, config->seed, error);
     if (status == BRACE_OK && config->initial != NULL) {
         status = nn_weights_load(out->weights, config->initial, false, error);

@@ -75,6 +75,45 @@ brace_status train_bracket_align(train_bracket *b, const volatile int *cancel, b
     return status;
 }
 
+static const float guide_most = 16;
+
+uint16_t train_guide_code(float light) {
+    const float x = light > 0 ? light / guide_most : 0;
+    return (uint16_t)(x < 1 ? powf(x, 1 / 2.2f) * 65535 + 0.5f : 65535);
+}
+
+float train_guide_light(uint16_t code) {
+    return guide_most * powf((float)code / 65535, 2.2f);
+}
+
+brace_status train_bracket_merge(const train_bracket *b, uint16_t *guide, const volatile int *cancel,
+                                 brace_error *error) {
+    const size_t pixels = (size_t)b->width * b->height;
+    brace_frame *frames[BRACE_BRACKET_MAX];
+    double exposure[BRACE_BRACKET_MAX];
+    const brace_bracket bracket = {.count = (size_t)b->count, .reference = (size_t)b->reference, .frames = frames,
+                                   .exposure = exposure};
+    brace_restore_report report = {0};
+    core_pool *pool = NULL;
+    const brace_job job = {.threads = 1, .cancel = cancel};
+    for (int i = 0; i < b->count; i++) {
+        frames[i] = (brace_frame *)(uintptr_t)&b->seen[i]; /* only read */
+        exposure[i] = b->exposure[i] / b->exposure[b->reference];
+    }
+    float *mosaic = core_alloc(pixels, sizeof *mosaic);
+    brace_status status = mosaic != NULL ? core_pool_create(&pool, &job, error)
+                                         : core_fail_memory(error, pixels * sizeof *mosaic, "the merged picture");
+    if (status == BRACE_OK) {
+        status = restore_merge(mosaic, &report, &bracket, b->motion, &job, pool, error);
+    }
+    for (size_t i = 0; i < pixels && status == BRACE_OK; i++) {
+        guide[i] = train_guide_code(mosaic[i]);
+    }
+    core_pool_destroy(pool);
+    core_free(mosaic);
+    return status;
+}
+
 brace_status train_sample_create(train_sample *out, int frames, int side, brace_error *error) {
     const size_t pixels = (size_t)side * (size_t)side;
     *out = (train_sample){.frames = frames, .side = side};
@@ -113,10 +152,15 @@ static brace_status set_color(train_sample *out, const train_bracket *b, brace_e
     return status;
 }
 
-static brace_status measure(train_sample *out, int at, const float *packed, float *plane, bool shortest,
-                            brace_error *error) {
+/* A frame's crop as the network's input, and its prior; room for the plane lies behind it. */
+static brace_status show(train_sample *out, int at, float *packed, bool shortest, brace_error *error) {
     const size_t pixels = (size_t)out->side * (size_t)out->side;
     const brace_job alone = {.threads = 1};
+    float *to = out->input + (size_t)at * pixels * 8, *plane = packed + 4 * pixels;
+    for (size_t k = 0; k < pixels * 4; k++) {
+        to[2 * k] = packed[k];
+        to[2 * k + 1] = packed[k] > 0 ? powf(packed[k], 1 / 2.2f) : 0;
+    }
     brace_fabp prior;
     for (size_t i = 0; i < pixels; i++) {
         plane[i] = 0.25f * (packed[4 * i] + packed[4 * i + 1] + packed[4 * i + 2] + packed[4 * i + 3]);
@@ -154,7 +198,7 @@ static void set_flow(float *out, const restore_motion *motion, const train_brack
 brace_status train_sample_make(train_sample *out, const train_bracket *b, const train_window *window,
                                brace_error *error) {
     const size_t side = (size_t)out->side, pixels = side * side;
-    if (out->frames != b->count || b->width < 2 * side + 2 || b->height < 2 * side + 2) {
+    if (out->frames != b->count + (b->guide != NULL) || b->width < 2 * side + 2 || b->height < 2 * side + 2) {
         return core_fail(error, BRACE_ERROR_MISMATCH,
                          "%d frames of %ux%u pixels; %d frames of at least %zu pixels a side are needed", b->count,
                          b->width, b->height, out->frames, 2 * side + 2);
@@ -172,12 +216,12 @@ brace_status train_sample_make(train_sample *out, const train_bracket *b, const 
         if (b->aligned) {
             set_flow(out->flow + (size_t)at * pixels * 2, &b->motion[i], b, window, out->side);
         }
-        float *to = out->input + (size_t)at * pixels * 8;
-        for (size_t k = 0; k < pixels * 4; k++) {
-            to[2 * k] = packed[k];
-            to[2 * k + 1] = packed[k] > 0 ? powf(packed[k], 1 / 2.2f) : 0;
-        }
-        status = measure(out, at, packed, packed + 4 * pixels, i == 0, error);
+        status = show(out, at, packed, i == 0, error);
+    }
+    if (b->guide != NULL && status == BRACE_OK) {
+        train_crop_guide(packed, b->guide, b->width, window, out->side);
+        out->white[b->count] = b->frame[0].gain;
+        status = show(out, b->count, packed, false, error);
     }
     core_free(packed);
     return status;

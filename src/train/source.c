@@ -10,6 +10,7 @@
 #include "sim/dataset_priors.h"
 #include "sim/dataset_screens.h"
 #include "sim/simulate.h"
+#include "train/guides.h"
 #include "train/motions.h"
 
 enum { STREAM_WINDOW = 0x54520001, STREAM_ORDER };
@@ -18,7 +19,8 @@ struct train_source {
     train_source_params params;
     char *packed_folder, *screens_folder, *priors_file; /* copies */
     train_packed *packed;
-    train_motions *motions; /* of packed brackets */
+    train_motions *motions; /* of packed brackets; NULL where they are not wanted */
+    train_guides *guides;
     dataset_screens screens;
     dataset_priors *priors;
 };
@@ -82,6 +84,9 @@ brace_status train_source_create(train_source **out, const train_source_params *
     if (status == BRACE_OK && p->packed != NULL && p->align) {
         status = train_motions_open(&s->motions, s->packed, p->packed, p->test ? "test" : "train", error);
     }
+    if (status == BRACE_OK && p->packed != NULL && p->guide) {
+        status = train_guides_open(&s->guides, p->packed, error);
+    }
     if (status != BRACE_OK) {
         train_source_destroy(s);
         return status;
@@ -94,6 +99,7 @@ void train_source_destroy(train_source *s) {
     if (s != NULL) {
         train_packed_close(s->packed);
         train_motions_close(s->motions);
+        train_guides_close(s->guides);
         dataset_screens_free(&s->screens);
         dataset_priors_destroy(s->priors);
         core_free(s->packed_folder);
@@ -137,22 +143,32 @@ static brace_status pick(size_t *out, const train_source *s, uint64_t n, brace_e
     return BRACE_OK;
 }
 
-static brace_status crops_of(const train_source *s, const train_bracket *bracket, uint64_t first, int count,
-                             train_sample *out, brace_error *error) {
+static brace_status crops_of(const train_source *s, train_bracket *bracket, uint64_t first, int count,
+                             train_sample *out, const volatile int *cancel, brace_error *error) {
     brace_status status = BRACE_OK;
+    uint16_t *guide = NULL;
+    if (s->params.guide && bracket->guide == NULL) {
+        const size_t pixels = (size_t)bracket->width * bracket->height;
+        bracket->guide = guide = core_alloc(pixels, sizeof *guide);
+        status = guide != NULL ? train_bracket_merge(bracket, guide, cancel, error)
+                               : core_fail_memory(error, pixels * sizeof *guide, "a merged picture");
+    }
     for (int k = 0; k < count && status == BRACE_OK; k++) {
         const uint64_t i = first + (uint64_t)k;
         core_random r = core_random_create(s->params.seed, (uint32_t)i, (uint32_t)(i >> 32),
                                            s->params.test ? ~(uint32_t)STREAM_WINDOW : STREAM_WINDOW);
         if (bracket->width < 2 * (uint32_t)s->params.side + 2 || bracket->height < 2 * (uint32_t)s->params.side + 2) {
-            return core_fail(error, BRACE_ERROR_MISMATCH, "frames of %ux%u pixels are too small for crops of %d pixels",
-                             bracket->width, bracket->height, 2 * s->params.side);
+            status = core_fail(error, BRACE_ERROR_MISMATCH,
+                               "frames of %ux%u pixels are too small for crops of %d pixels", bracket->width,
+                               bracket->height, 2 * s->params.side);
+            break;
         }
         const train_window window = train_window_draw(&r, bracket, s->params.side, s->params.mirrored,
                                                        s->params.transposed);
         out[k].index = i;
         status = train_sample_make(&out[k], bracket, &window, error);
     }
+    core_free(guide);
     return status;
 }
 
@@ -194,7 +210,7 @@ static brace_status from_simulator(const train_source *s, uint64_t scene, uint64
         status = train_bracket_align(&bracket, cancel, error);
     }
     if (status == BRACE_OK) {
-        status = crops_of(s, &bracket, first, count, out, error);
+        status = crops_of(s, &bracket, first, count, out, cancel, error);
     }
     sim_capture_free(&capture);
     return status;
@@ -215,8 +231,12 @@ brace_status train_source_get(const train_source *s, uint64_t first, int count, 
     if (status == BRACE_OK) {
         train_bracket bracket = *train_packed_at(s->packed, index);
         status = p->align ? train_motions_get(s->motions, &bracket, index, cancel, error) : BRACE_OK;
+        if (s->guides != NULL) {
+            bracket.guide = train_guides_get(s->guides, p->test ? "test" : "train", train_packed_name(s->packed, index),
+                                             bracket.width, bracket.height);
+        }
         if (status == BRACE_OK) {
-            status = crops_of(s, &bracket, first, count, out, error);
+            status = crops_of(s, &bracket, first, count, out, cancel, error);
         }
         if (status != BRACE_OK) {
             core_error_prefix(error, train_packed_name(s->packed, index));

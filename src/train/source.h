@@ -23,6 +23,7 @@ typedef struct train_source_params {
     bool mirrored;           /* crops are mirrored, up to both ways */
     bool transposed;         /* and transposed */
     bool align;              /* samples have flow */
+    bool guide;              /* and the merged picture, as one more frame; needs align */
     uint64_t seed;
 } train_source_params;
 

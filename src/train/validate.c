@@ -77,7 +77,7 @@ brace_status train_validation_create(train_validation *out, const train_config *
     for (int i = 0; i < config->validation_samples && status == BRACE_OK; i++) {
         core_progress(job, "preparing the validation", (uint64_t)i, (uint64_t)config->validation_samples);
         train_sample *s = &out->samples[i];
-        status = train_sample_create(s, params.frames, params.side, error);
+        status = train_sample_create(s, params.frames + params.guide, params.side, error);
         if (status == BRACE_OK) {
             out->count = i + 1;
             status = train_source_get(source, (uint64_t)i, 1, s, job != NULL ? job->cancel : NULL, error);

@@ -60,7 +60,8 @@ run 0 dataset info set --json; cp out i.json; is samples "$(json i.json samples)
 is web "$(json i.json categories web)" 1
 
 run 0 dataset pack set -o shards --quiet; silent
-leaves shards test-00000.safetensors train-00000.safetensors
+leaves shards guides.safetensors motions.safetensors test-00000.safetensors train-00000.safetensors
+ok 'motions and guides are no samples' test -s shards/guides.safetensors
 run 0 dataset pack set -o again --json; cp out i.json; is shards "$(json i.json shards)" 2
 ok 'the same samples give the same bytes' cmp shards/train-00000.safetensors again/train-00000.safetensors
 run 0 dataset verify shards; prints '2 samples, 0 bad'

@@ -26,7 +26,7 @@ static void test_names(void **state) {
         const models_shape *tmrnet = &shapes[2 + i / 2];
         assert_true(bare.mscam && bare.prior);
         bare.mscam = bare.prior = false;
-        bare.strip = 0;
+        bare.strip = 0, bare.guide = false;
         assert_true(models_shape_equal(&bare, tmrnet));
     }
     memset(&untouched, 0x11, sizeof untouched);
@@ -56,12 +56,12 @@ static const models_shape every = {.frames = 7, .channels = 24, .unshuffle = 4, 
 
 static void test_round_trip(void **state) {
     (void)state;
-    for (int i = 0; i < 16; i++) { /* switches in every combination */
+    for (int i = 0; i < 32; i++) { /* switches in every combination */
         models_shape shape = every, back = {0};
         brace_error error = {0};
-        shape.spynet = i & 1, shape.blend = i & 2, shape.mscam = i & 4, shape.prior = i & 8;
+        shape.spynet = i & 1, shape.blend = i & 2, shape.mscam = i & 4, shape.prior = i & 8, shape.guide = i & 16;
         json_t *json = models_shape_json(&shape);
-        assert_int_equal(json_object_size(json), 14);
+        assert_int_equal(json_object_size(json), 15);
         char *text = json_dumps(json, 0);
         test_ok(read_text(&back, text, &error), &error);
         assert_true(models_shape_equal(&shape, &back));
@@ -268,8 +268,8 @@ static void test_out_of_memory_for_json(void **state) {
         assert_true(json != NULL || n < 1000);
     }
     json_set_alloc_funcs(malloc, free);
-    assert_true(n > 14);
-    assert_int_equal(json_object_size(json), 14);
+    assert_true(n > 15);
+    assert_int_equal(json_object_size(json), 15);
     json_decref(json);
 }
 
