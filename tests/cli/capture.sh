@@ -39,7 +39,8 @@ is 'first' "$(json plan.json plan 0 name)" frame_5
 is 'parts' "$(json plan.json plan 5 shots)" 2
 is 'exposures' "$(json plan.json exposures)" 7
 says 'mean of 2 shots'
-run 0 capture list; prints '--camera sim'; prints 'ISO 50 to 6400'; prints 'display=NAME'
+# libgphoto2 loads its drivers, which leak, and unloads them: leaks of its own cannot be told from ours there.
+ASAN_OPTIONS=${ASAN_OPTIONS:-}:detect_leaks=0 run 0 capture list; prints '--camera sim'; prints 'ISO 50 to 6400'; prints 'display=NAME'
 run 0 capture list --camera sim:canon_r5 --json
 cp out list.json
 is 'model' "$(json list.json cameras 0 limits iso 0)" 100
