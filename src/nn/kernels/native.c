@@ -11,7 +11,8 @@ enum {
     NARROW = 64,
     GOOD_ROWS = 5, /* or more, less one */
     FINISH_COLS = 32,
-    MAX_ROWS = 32 /* of a block */
+    PART_BYTES = 36 << 10, /* of weights, used again and again from the first-level cache */
+    PART_PIXELS = 160      /* or more use them before the next ones */
 };
 
 /* A forward convolution, or the one that backward_data is. */
@@ -31,7 +32,9 @@ typedef struct native_run {
     int tiles_h, tiles_w; /* a picture */
     int steps;            /* of a run of taps */
     size_t line;          /* elements of a staged row */
-    size_t worker_bytes;
+    /* Parts: so many rows of taps, and steps of each, are added to the sums of so many rows of a tile. */
+    int part_groups, part_steps, part_rows;
+    size_t stage_bytes, worker_bytes;
 } native_run;
 
 void native_copy_row(void *out, nn_type to, const native_source *from, int n, int y, int x, int pixels,
@@ -63,11 +66,32 @@ void native_copy_row(void *out, nn_type to, const native_source *from, int n, in
         for (int i = 0; i < pixels; i++) {
             int at = x + i;
             bool there = at >= 0 && at % from->dilate == 0;
-            native_copy_row(p + (size_t)i * c * size, to, &line, n, y / from->dilate, there ? at / from->dilate : -1, 1, c);
+            native_copy_row(p + (size_t)i * c * size, to, &line, n, y / from->dilate, there ? at / from->dilate : -1, 1,
+                            c);
         }
         done = (size_t)pixels * c;
     }
     memset(p + done * size, 0, (elements - done) * size);
+}
+
+/* Weights that the first-level cache does not hold are used in parts, each for many pixels. Not with AMX, whose sums
+ * would be stored and loaded too often. */
+static void plan_parts(native_run *r) {
+    const nn_isa *isa = r->isa;
+    int room = PART_BYTES / (int)((size_t)(isa->step * isa->cols) * native_element(isa));
+    r->part_groups = r->kernel;
+    r->part_steps = r->steps;
+    r->part_rows = 1;
+    if (isa->row_multiple == 1 && (long)r->steps * r->kernel > room) {
+        r->part_groups = room / r->steps > 1 ? room / r->steps : 1;
+        r->part_steps = native_ceil(r->steps, native_ceil(r->steps, room));
+        r->part_rows = r->cols < PART_PIXELS ? PART_PIXELS / r->cols : 1;
+        r->part_rows = r->part_rows < r->rows ? r->part_rows : r->rows;
+    }
+}
+
+static bool in_parts(const native_run *r) {
+    return r->part_groups < r->kernel || r->part_steps < r->steps;
 }
 
 /* Cuts the result in tiles, so many that `threads` have work and so small that they stay in the cache. */
@@ -89,8 +113,7 @@ static void plan_tiles(native_run *r, int threads) {
         }
     }
     r->rows = 1;
-    while (r->rows < r->oh && r->rows < 16 &&
-           ((size_t)r->rows * s + k) * r->line * native_element(isa) <= TILE_BYTES) {
+    while (r->rows < r->oh && r->rows < 16 && ((size_t)r->rows * s + k) * r->line * native_element(isa) <= TILE_BYTES) {
         r->rows++;
     }
     while (r->rows > 1 && (long)r->x.n * native_ceil(r->oh, r->rows) * r->tiles_w < 4L * threads) {
@@ -98,78 +121,119 @@ static void plan_tiles(native_run *r, int threads) {
     }
     r->tiles_h = native_ceil(r->oh, r->rows);
     r->rows = native_ceil(r->oh, r->tiles_h);
-    r->worker_bytes = (((size_t)r->rows - 1) * s + k) * r->line * native_element(isa);
+    plan_parts(r);
+    size_t sums = in_parts(r) ? (size_t)r->part_rows * (size_t)r->cols : (size_t)isa->rows;
+    r->stage_bytes = native_round_up((((size_t)r->rows - 1) * s + k) * r->line * native_element(isa), 64);
+    r->worker_bytes = r->stage_bytes + sums * FINISH_COLS * sizeof(float);
 }
 
-static void tile(const native_run *r, int n, int y0, int x0, unsigned char *stage) {
+/* A tile, and where its pixels are read: rows `line` elements apart, the first tap of its first result at `base`. */
+typedef struct native_tile {
+    int n, y, x, rows, cols;
+    const unsigned char *base;
+    size_t line;
+    float *sums;
+} native_tile;
+
+static void stage_tile(const native_run *r, native_tile *t, unsigned char *stage) {
     const nn_isa *isa = r->isa;
-    int rows = r->oh - y0 < r->rows ? r->oh - y0 : r->rows, cols = r->ow - x0 < r->cols ? r->ow - x0 : r->cols;
     int k = r->kernel, s = r->stride, c = r->x.c, run = k * c;
     size_t size = native_element(isa);
 
     /* Read in place what has no zeros around it, if no step reads on past the end. */
-    int top = y0 * s - r->pad, left = x0 * s - r->pad;
-    const unsigned char *base = stage;
-    size_t line = r->line;
-    bool direct = r->x.type == isa->in && r->x.dilate == 1 && top >= 0 && left >= 0 &&
-                  top + (rows - 1) * s + k <= r->x.h && left + (cols - 1) * s + k <= r->x.w && run % isa->step == 0;
-    if (direct) {
-        size_t first = (((size_t)n * (size_t)r->x.h + (size_t)top) * (size_t)r->x.w + (size_t)left) * (size_t)c;
-        line = (size_t)r->x.w * (size_t)c;
-        size_t read = native_round_up((size_t)cols, (size_t)isa->row_multiple);
-        size_t last = first + (size_t)((rows - 1) * s + k - 1) * line + (read - 1) * (size_t)(s * c) + (size_t)run;
-        direct = last <= (size_t)r->x.n * (size_t)r->x.h * line;
-        base = (const unsigned char *)r->x.data + first * size;
-    }
-    if (!direct) {
-        base = stage;
-        line = r->line;
-        for (int i = 0; i < (rows - 1) * s + k; i++) {
-            native_copy_row(stage + (size_t)i * line * size, isa->in, &r->x, n, top + i, left, (cols - 1) * s + k, line);
+    int top = t->y * s - r->pad, left = t->x * s - r->pad;
+    if (r->x.type == isa->in && r->x.dilate == 1 && top >= 0 && left >= 0 && top + (t->rows - 1) * s + k <= r->x.h &&
+        left + (t->cols - 1) * s + k <= r->x.w && run % isa->step == 0) {
+        size_t first = (((size_t)t->n * (size_t)r->x.h + (size_t)top) * (size_t)r->x.w + (size_t)left) * (size_t)c;
+        size_t line = (size_t)r->x.w * (size_t)c, read = native_round_up((size_t)t->cols, (size_t)isa->row_multiple);
+        size_t last = first + (size_t)((t->rows - 1) * s + k - 1) * line + (read - 1) * (size_t)(s * c) + (size_t)run;
+        if (last <= (size_t)r->x.n * (size_t)r->x.h * line) {
+            t->base = (const unsigned char *)r->x.data + first * size;
+            t->line = line;
+            return;
         }
     }
+    t->base = stage;
+    t->line = r->line;
+    for (int i = 0; i < (t->rows - 1) * s + k; i++) {
+        native_copy_row(stage + (size_t)i * t->line * size, isa->in, &r->x, t->n, top + i, left, (t->cols - 1) * s + k,
+                        t->line);
+    }
+}
 
-    float sums[MAX_ROWS * FINISH_COLS] __attribute__((aligned(64)));
-    int packed_cols = isa->cols, kk = isa->in == NN_BF16 ? 2 : 1;
-    size_t group = (size_t)(r->steps * isa->step) * (size_t)packed_cols;
-    size_t result_size = nn_type_size(r->result);
-    int blocks = native_ceil(cols, isa->rows);
-    for (int o = 0; o < r->out; o += packed_cols) {
-        nn_block b = {
-            .b = (const unsigned char *)r->packed + (size_t)(o / packed_cols) * (size_t)k * group * size,
-            .a_row = (ptrdiff_t)s * c,
-            .a_step = isa->step,
-            .a_group = (ptrdiff_t)line,
-            .b_step = (ptrdiff_t)packed_cols * kk,
-            .b_group = (ptrdiff_t)group,
-            .groups = k,
-            .steps = r->steps,
-            .c = sums,
-            .c_row = FINISH_COLS,
-        };
-        int width = r->out - o < packed_cols ? r->out - o : packed_cols;
-        for (int y = 0; y < rows; y++) {
-            for (int i = 0; i < blocks; i++) {
-                /* Blocks of nearly the same size, or of whole tiles and a rest. */
-                int begin = isa->row_multiple > 1 ? i * isa->rows : cols * i / blocks;
-                int end = isa->row_multiple > 1 ? begin + isa->rows : cols * (i + 1) / blocks;
-                end = end < cols ? end : cols;
-                b.a = base + ((size_t)(y * s) * line + (size_t)begin * (size_t)(s * c)) * size;
-                isa->block(&b, end - begin, width);
-                size_t at = (((size_t)n * (size_t)r->oh + (size_t)(y0 + y)) * (size_t)r->ow + (size_t)(x0 + begin)) *
-                                (size_t)r->out +
-                            (size_t)o;
-                isa->finish(&(nn_finish){
-                    .c = sums,
-                    .rows = end - begin,
-                    .cols = width,
-                    .bias = r->bias != NULL ? r->bias + o : NULL,
-                    .residual = r->residual != NULL ? (const unsigned char *)r->residual + at * result_size : NULL,
-                    .y = (unsigned char *)r->y + at * result_size,
-                    .y_row = r->out,
-                    .activation = r->activation,
-                    .result = r->result,
-                });
+static void finish_block(const native_run *r, const native_tile *t, int y, int x, int rows, int o, const float *sums) {
+    size_t at =
+        (((size_t)t->n * (size_t)r->oh + (size_t)(t->y + y)) * (size_t)r->ow + (size_t)(t->x + x)) * (size_t)r->out +
+        (size_t)o;
+    size_t size = nn_type_size(r->result);
+    r->isa->finish(&(nn_finish){
+        .c = sums,
+        .rows = rows,
+        .cols = r->out - o < r->isa->cols ? r->out - o : r->isa->cols,
+        .bias = r->bias != NULL ? r->bias + o : NULL,
+        .residual = r->residual != NULL ? (const unsigned char *)r->residual + at * size : NULL,
+        .y = (unsigned char *)r->y + at * size,
+        .y_row = r->out,
+        .activation = r->activation,
+        .result = r->result,
+    });
+}
+
+/* Adds the products with steps `step` and on of rows of taps `group` and on, for output channels from `o` and rows
+ * `begin` to `end` of the tile. */
+static void add_part(const native_run *r, const native_tile *t, int o, int begin, int end, int group, int step) {
+    const nn_isa *isa = r->isa;
+    size_t size = native_element(isa), width = (size_t)isa->cols * (size_t)isa->step;
+    size_t weights = (size_t)r->steps * width, pixel = (size_t)(r->stride * r->x.c);
+    bool parts = in_parts(r), first = group == 0 && step == 0;
+    bool last = group + r->part_groups >= r->kernel && step + r->part_steps >= r->steps;
+    nn_block b = {
+        .b = (const unsigned char *)r->packed +
+             (((size_t)(o / isa->cols) * (size_t)r->kernel + (size_t)group) * weights + (size_t)step * width) * size,
+        .a_row = (ptrdiff_t)pixel,
+        .a_step = isa->step,
+        .a_group = (ptrdiff_t)t->line,
+        .b_step = (ptrdiff_t)isa->cols * (isa->in == NN_BF16 ? 2 : 1),
+        .b_group = (ptrdiff_t)weights,
+        .groups = r->kernel - group < r->part_groups ? r->kernel - group : r->part_groups,
+        .steps = r->steps - step < r->part_steps ? r->steps - step : r->part_steps,
+        .c_row = FINISH_COLS,
+        .add = !first,
+    };
+    int cols = r->out - o < isa->cols ? r->out - o : isa->cols, blocks = native_ceil(t->cols, isa->rows);
+    for (int y = begin; y < end; y++) {
+        const unsigned char *row =
+            t->base + ((size_t)(y * r->stride + group) * t->line + (size_t)(step * isa->step)) * size;
+        for (int i = 0; i < blocks; i++) {
+            /* Blocks of nearly the same size, or of whole tiles and a rest. */
+            int x = isa->row_multiple > 1 ? i * isa->rows : t->cols * i / blocks;
+            int x_end = isa->row_multiple > 1 ? x + isa->rows : t->cols * (i + 1) / blocks;
+            x_end = x_end < t->cols ? x_end : t->cols;
+            b.a = row + (size_t)x * pixel * size;
+            b.c = t->sums + (parts ? ((size_t)(y - begin) * (size_t)t->cols + (size_t)x) * FINISH_COLS : 0);
+            isa->block(&b, x_end - x, cols);
+            if (last) {
+                finish_block(r, t, y, x, x_end - x, o, b.c);
+            }
+        }
+    }
+}
+
+static void tile(const native_run *r, int n, int y, int x, unsigned char *scratch) {
+    native_tile t = {.n = n,
+                     .y = y,
+                     .x = x,
+                     .rows = r->oh - y < r->rows ? r->oh - y : r->rows,
+                     .cols = r->ow - x < r->cols ? r->ow - x : r->cols,
+                     .sums = (float *)(void *)(scratch + r->stage_bytes)};
+    stage_tile(r, &t, scratch);
+    for (int o = 0; o < r->out; o += r->isa->cols) {
+        for (int begin = 0; begin < t.rows; begin += r->part_rows) {
+            int end = t.rows - begin < r->part_rows ? t.rows : begin + r->part_rows;
+            for (int group = 0; group < r->kernel; group += r->part_groups) {
+                for (int step = 0; step < r->steps; step += r->part_steps) {
+                    add_part(r, &t, o, begin, end, group, step);
+                }
             }
         }
     }
