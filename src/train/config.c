@@ -12,14 +12,15 @@ static void read_network(train_config *c, const json_at *root) {
         if (c->known) {
             models_shape_read(&c->shape, &network);
         } else {
-            json_check_fail(root, "network", "there is nothing to change: \"%s\" is none of %s", c->model, models_names);
+            json_check_fail(root, "network", "there is nothing to change: \"%s\" is none of %s", c->model,
+                            models_names);
         }
     }
 }
 
 static void read_data(train_config *c, const json_at *root) {
-    static const char *const keys[] = {"packed",     "screens", "priors", "width",   "height",  "field",
-                                       "test_share", "crop",    "crops",  "augment", "transpose", "threads", NULL};
+    static const char *const keys[] = {"packed", "screens", "priors",  "width",     "height",  "field", "test_share",
+                                       "crop",   "crops",   "augment", "transpose", "threads", NULL};
     json_at data;
     train_source_params *d = &c->data;
     d->frames = 5, d->side = 128, d->crops = 4, d->mirrored = d->transposed = true, d->seed = c->seed;
@@ -60,8 +61,8 @@ static void read_data(train_config *c, const json_at *root) {
 }
 
 static void read_loss(train_config *c, const json_at *root) {
-    static const char *const keys[] = {"encoding", "mu",           "wavelet",           "wavelet_weights",
-                                       "l1",       "color",    "color_scales", "color_projections", NULL};
+    static const char *const keys[] = {"encoding", "mu",           "wavelet",           "wavelet_weights", "l1",
+                                       "color",    "color_scales", "color_projections", "relative",        NULL};
     static const char *const encodings[] = {"gamma", "mu_law", NULL};
     train_loss_params *l = &c->loss;
     *l = (train_loss_params){.encoding = TRAIN_GAMMA, .mu = 5000, .wavelet = 0.5, .msswd = {5, 32}};
@@ -80,6 +81,7 @@ static void read_loss(train_config *c, const json_at *root) {
     if (l->no_l1 && !(l->wavelet > 0 || l->color > 0)) {
         json_check_fail(&loss, "l1", "nothing is left to learn from: wavelet and color are 0");
     }
+    l->relative = json_check_number(&loss, "relative", 0, 1000, 0);
     l->msswd.scales = (int)json_check_integer(&loss, "color_scales", 1, 8, 5);
     l->msswd.projections = (int)json_check_integer(&loss, "color_projections", 1, 512, 32);
 }
@@ -112,8 +114,9 @@ static void read_optimizer(train_config *c, const json_at *root) {
 
 static void read_all(train_config *c, const json_at *root) {
     static const char *const keys[] = {
-        "description",   "model", "initial",   "seed",       "precision",        "data", "batch", "epochs",
-        "epoch_samples", "network", "loss",  "optimizer", "validation", "checkpoint_steps", NULL};
+        "description", "model",         "initial", "seed", "precision", "data",       "batch",
+        "epochs",      "epoch_samples", "network", "loss", "optimizer", "validation", "checkpoint_steps",
+        NULL};
     static const char *const precisions[] = {"f32", "bf16", NULL};
     json_check_only(root, keys);
     json_check_string(root, "description", 4096, "");

@@ -31,6 +31,10 @@ train_loss train_loss_build(nn_graph *g, nn_weights *weights, nn_value predictio
         nn_output(g, "color", out.color);
         out.total = nn_add(g, out.total, nn_affine(g, out.color, params->color, 0));
     }
+    if (params->relative > 0) {
+        const nn_value ratio = nn_affine(g, out.total, 1 / params->relative, 1);
+        out.total = nn_affine(g, nn_log(g, ratio), params->relative, 0);
+    }
     nn_output(g, "total", out.total);
     nn_pop(g);
     return out;

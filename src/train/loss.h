@@ -61,6 +61,9 @@ typedef struct train_loss_params {
     double mu;             /* of the mu-law */
     double wavelet, color; /* weights; 0: left out */
     bool no_l1;            /* L1 is left out, too, which an ablation asks for */
+    /* r > 0: the sum L of all parts counts as r log(1 + L/r): errors far above r by their ratio, as PSNR does, so that
+     * a bracket which is nearly right is worth as much care as one which is beyond rescue. 0: as it is. */
+    double relative;
     double bands[TRAIN_WAVELET_BANDS];
     train_msswd msswd;
 } train_loss_params;

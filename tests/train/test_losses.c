@@ -288,13 +288,14 @@ static void test_gradients(void **state) {
     p.wavelet = 0.5;
     p.color = 0.05;
     check_gradient(p, "both stages");
+    p.relative = 0.5;
+    check_gradient(p, "relative");
 }
 
-/* The parts make up the total, and equal pictures cost nothing. */
-static void test_total(void **state) {
-    (void)state;
+/* The parts make up the total, of which the ratio may count, and equal pictures cost nothing. */
+static void check_total(double relative) {
     brace_error error = {0};
-    train_loss_params p = {.mu = 5000, .wavelet = 0.5, .color = 0.05, .msswd = {2, 8}};
+    train_loss_params p = {.mu = 5000, .wavelet = 0.5, .color = 0.05, .relative = relative, .msswd = {2, 8}};
     memcpy(p.bands, train_wavelet_weights, sizeof p.bands);
     built b;
     begin(&b, NN_BF16, (nn_shape){1, SIDE, SIDE, 4});
@@ -310,13 +311,20 @@ static void test_total(void **state) {
     const float *total = nn_data(b.g, b.loss.total), *l1 = nn_data(b.g, b.loss.l1),
                 *wavelet = nn_data(b.g, b.loss.wavelet), *color = nn_data(b.g, b.loss.color);
     assert_true(*l1 > 0.05f && *wavelet > 0.005f && *color > 1);
-    assert_true(fabsf(*total - (*l1 + 0.5f * *wavelet + 0.05f * *color)) < 1e-5f);
+    const double sum = (double)*l1 + 0.5 * (double)*wavelet + 0.05 * (double)*color;
+    assert_true(fabs((double)*total - (relative > 0 ? relative * log(1 + sum / relative) : sum)) < 1e-5);
     for (int i = 0; i < SIDE * SIDE * 4; i++) { /* numbers that bf16 holds */
         ((float *)nn_data(b.g, b.raw))[i] = ((float *)nn_data(b.g, b.loss.truth))[i] = (float)(i % 16) / 16;
     }
     forward(&b);
     assert_true(*total == 0);
     end(&b);
+}
+
+static void test_total(void **state) {
+    (void)state;
+    check_total(0);
+    check_total(0.01);
 }
 
 int main(void) {
