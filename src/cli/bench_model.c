@@ -100,12 +100,7 @@ static void build_blocks(model *m, const model_params *p, nn_type type) {
 }
 
 static void build_network(model *m, const model_params *p) {
-    const int n = models_views(p->network);
-    const models_inputs in = {.frames = nn_input(m->g, "frames", (nn_shape){n, p->height, p->width, 8}),
-                              .flow = nn_input(m->g, "flow", (nn_shape){n, p->height, p->width, 2}),
-                              .white = nn_input(m->g, "white", (nn_shape){n, 1, 1, 1}),
-                              .descriptors = nn_input(m->g, "descriptors", (nn_shape){n, 1, 1, 8}),
-                              .rho = nn_input(m->g, "rho", (nn_shape){n, 1, 1, 1})};
+    const models_inputs in = models_inputs_create(m->g, models_views(p->network), p->height, p->width);
     m->x = in.frames;
     memcpy(m->more, (nn_value[]){in.flow, in.white, in.descriptors, in.rho}, sizeof m->more);
     m->y = models_build(m->g, p->network, &in);

@@ -18,7 +18,7 @@ enum { SIDE = 64 }; /* of the picture that the network is built for, to learn wh
 
 typedef struct model_file {
     const char *path;
-    char name[64];
+    char name[MODELS_NAME];
     models_shape shape;
     char *training, *steps; /* metadata; NULL: none */
     nn_weights *weights;
@@ -33,25 +33,7 @@ static brace_status copy_text(char **out, const core_safetensors *file, const ch
 
 /* What a file that brace wrote says of itself. */
 static brace_status read_metadata(model_file *m, const core_safetensors *file, brace_error *error) {
-    const char *model = core_safetensors_metadata(file, "model"), *network = core_safetensors_metadata(file, "network");
-    if (m->name[0] != '\0' && model != NULL && strcmp(m->name, model) != 0) {
-        return core_fail(error, BRACE_ERROR_MISMATCH, "%s: says that it is for %.60s, not for %s", m->path, model, m->name);
-    }
-    if (model != NULL) {
-        snprintf(m->name, sizeof m->name, "%s", model);
-    }
-    if (!models_shape_named(&m->shape, m->name) && (network == NULL || !models_shape_named(&m->shape, "brace-s"))) {
-        return core_fail(error, BRACE_ERROR_FORMAT,
-                         "%s: does not say what network it is for; --network takes %s", m->path, models_names);
-    }
-    json_check *doc = NULL;
-    brace_status status = network != NULL ? json_check_parse(&doc, network, "its network", error) : BRACE_OK;
-    if (status == BRACE_OK && doc != NULL) {
-        const json_at root = json_check_root(doc);
-        models_shape_read(&m->shape, &root);
-        status = json_check_status(doc, error);
-    }
-    json_check_destroy(doc);
+    brace_status status = models_shape_of_file(&m->shape, m->name, file, m->path, error);
     if (status == BRACE_OK) {
         status = copy_text(&m->training, file, "training", error);
     }
@@ -66,8 +48,8 @@ static brace_status load(model_file *m, brace_error *error) {
         status = read_metadata(m, file, error);
         core_safetensors_close(file);
     } else if (m->name[0] == '\0') { /* perhaps a checkpoint of PyTorch, which says nothing of its network */
-        return core_fail(error, BRACE_ERROR_ARGUMENT, "%s; for a checkpoint of PyTorch, --network says of which network",
-                         ignored.message);
+        return core_fail(error, BRACE_ERROR_ARGUMENT,
+                         "%s; for a checkpoint of PyTorch, --network says of which network", ignored.message);
     } else {
         models_shape_named(&m->shape, m->name);
     }
@@ -84,11 +66,7 @@ static brace_status load(model_file *m, brace_error *error) {
         return status;
     }
     nn_graph *g = m->graph;
-    const int n = models_views(&m->shape);
-    const models_inputs in = {
-        nn_input(g, "frames", (nn_shape){n, SIDE, SIDE, 8}), nn_input(g, "flow", (nn_shape){n, SIDE, SIDE, 2}),
-        nn_input(g, "white", (nn_shape){n, 1, 1, 1}), nn_input(g, "descriptors", (nn_shape){n, 1, 1, 8}),
-        nn_input(g, "rho", (nn_shape){n, 1, 1, 1})};
+    const models_inputs in = models_inputs_create(g, models_views(&m->shape), SIDE, SIDE);
     nn_output(g, "restored", models_build(g, &m->shape, &in));
     status = nn_graph_plan(g, NULL, error);
     if (status != BRACE_OK) {
@@ -151,9 +129,10 @@ static void print(const model_file *m) {
     const models_shape *s = &m->shape;
     printf("%s: %s\n", m->path, m->name);
     printf("  %zu parameters; %.0f kFLOP a packed pixel\n", parameters(m), flops(m) * 1e-3);
-    printf("  brackets of %d frames; %d channels at 1/%d of the packed resolution\n", s->frames, s->channels, s->unshuffle);
-    printf("  residual blocks: %d extraction, %d shared and %d of each frame, %d reconstruction\n", s->extract, s->global,
-           s->frame, s->reconstruct);
+    printf("  brackets of %d frames; %d channels at 1/%d of the packed resolution\n", s->frames, s->channels,
+           s->unshuffle);
+    printf("  residual blocks: %d extraction, %d shared and %d of each frame, %d reconstruction\n", s->extract,
+           s->global, s->frame, s->reconstruct);
     printf("  shown the merged picture, too: %s\n", s->guide ? "yes" : "no");
     printf("  alignment: %s%s\n", s->spynet ? "optical flow" : "measured motion",
            s->groups > 0 ? " and deformable convolution" : "");

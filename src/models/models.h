@@ -15,6 +15,7 @@
 
 #include <jansson.h>
 
+#include "core/safetensors.h"
 #include "nn/nn.h"
 #include "sim/json_check.h"
 
@@ -46,6 +47,11 @@ extern const char models_names[];
 void models_shape_read(models_shape *shape, const json_at *object);
 json_t *models_shape_json(const models_shape *shape); /* all keys; NULL: out of memory */
 bool models_shape_equal(const models_shape *a, const models_shape *b);
+/* What a weights file that brace wrote says of its network. `name` is what the user called it, or "", and becomes what
+ * the file does; they must agree. `path` is for messages. */
+enum { MODELS_NAME = 64 };
+brace_status models_shape_of_file(models_shape *out, char name[MODELS_NAME], const core_safetensors *file,
+                                  const char *path, brace_error *error);
 
 /* How many pictures a network is shown: the frames of the bracket, and the guide. */
 static inline int models_views(const models_shape *shape) {
@@ -63,6 +69,9 @@ typedef struct models_inputs {
     nn_value descriptors; /* {frames, 1, 1, 8}: of the banding prior */
     nn_value rho;         /* {frames, 1, 1, 1} */
 } models_inputs;
+
+/* All of them, as inputs of the graph with these names, `views` frames each. */
+models_inputs models_inputs_create(nn_graph *g, int views, int height, int width);
 
 /* The picture of the reference without banding, packed RAW {1, h, w, 4}, linear. */
 nn_value models_build(nn_graph *g, const models_shape *shape, const models_inputs *inputs);

@@ -105,3 +105,45 @@ bool models_shape_equal(const models_shape *a, const models_shape *b) {
     }
     return true;
 }
+
+brace_status models_shape_of_file(models_shape *out, char name[MODELS_NAME], const core_safetensors *file,
+                                  const char *path, brace_error *error) {
+    const char *model = core_safetensors_metadata(file, "model"), *network = core_safetensors_metadata(file, "network");
+    if (name[0] != '\0' && model != NULL && strcmp(name, model) != 0) {
+        return core_fail(error, BRACE_ERROR_MISMATCH, "%s: says that it is for %.60s, not for %s", path, model, name);
+    }
+    if (model != NULL || name[0] == '\0') {
+        snprintf(name, MODELS_NAME, "%s", model != NULL && model[0] != '\0' ? model : "unnamed");
+    }
+    /* A network of another name says all of its shape, if it is one of these at all. */
+    if (!models_shape_named(out, name) &&
+        (network == NULL || strcmp(network, "{}") == 0 || !models_shape_named(out, "brace-s"))) {
+        return core_fail(error, BRACE_ERROR_FORMAT,
+                         "%s: does not say what network these weights belong to; brace train writes files that do, and "
+                         "so does brace model with --network, which takes %s",
+                         path, models_names);
+    }
+    if (network == NULL) {
+        return BRACE_OK;
+    }
+    json_check *doc = NULL;
+    brace_status status = json_check_parse(&doc, network, "its network", error);
+    if (status == BRACE_OK) {
+        const json_at root = json_check_root(doc);
+        models_shape_read(out, &root);
+        status = json_check_status(doc, error);
+    }
+    json_check_destroy(doc);
+    if (status != BRACE_OK) {
+        core_error_prefix(error, path);
+    }
+    return status;
+}
+
+models_inputs models_inputs_create(nn_graph *g, int n, int height, int width) {
+    return (models_inputs){.frames = nn_input(g, "frames", (nn_shape){n, height, width, 8}),
+                           .flow = nn_input(g, "flow", (nn_shape){n, height, width, 2}),
+                           .white = nn_input(g, "white", (nn_shape){n, 1, 1, 1}),
+                           .descriptors = nn_input(g, "descriptors", (nn_shape){n, 1, 1, 8}),
+                           .rho = nn_input(g, "rho", (nn_shape){n, 1, 1, 1})};
+}

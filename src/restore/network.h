@@ -16,8 +16,8 @@
 /* ---- weights and graph (network_model.c) ---- */
 
 typedef struct restore_network {
-    char *path;    /* of the weights */
-    char name[64]; /* of the model, as the weights say */
+    char *path;             /* of the weights */
+    char name[MODELS_NAME]; /* of the model, as the weights say */
     models_shape shape;
     int side; /* of the crops that it learned from */
     nn_weights *weights;

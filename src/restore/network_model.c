@@ -46,36 +46,6 @@ static int crop_of(const core_safetensors *file) {
     return side >= CROP_LEAST && side <= CROP_MOST ? (int)side : CROP;
 }
 
-static brace_status read_shape(restore_network *n, const core_safetensors *file, brace_error *error) {
-    const char *model = core_safetensors_metadata(file, "model"), *network = core_safetensors_metadata(file, "network");
-    const bool known = model != NULL && models_shape_named(&n->shape, model);
-    if (!known && (network == NULL || strcmp(network, "{}") == 0)) {
-        return core_fail(error, BRACE_ERROR_FORMAT,
-                         "%s: does not say what network these weights belong to; brace train writes files that do",
-                         n->path);
-    }
-    if (!known) {
-        models_shape_named(&n->shape, default_model);
-    }
-    snprintf(n->name, sizeof n->name, "%s", model != NULL && model[0] != '\0' ? model : "unnamed");
-    n->side = crop_of(file);
-    if (network == NULL) {
-        return BRACE_OK;
-    }
-    json_check *doc = NULL;
-    brace_status status = json_check_parse(&doc, network, "its network", error);
-    if (status == BRACE_OK) {
-        const json_at root = json_check_root(doc);
-        models_shape_read(&n->shape, &root);
-        status = json_check_status(doc, error);
-    }
-    json_check_destroy(doc);
-    if (status != BRACE_OK) {
-        core_error_prefix(error, n->path);
-    }
-    return status;
-}
-
 brace_status restore_network_open(restore_network **out, const char *model, brace_error *error) {
     char path[PATH_MAX];
     core_safetensors *file = NULL;
@@ -91,7 +61,8 @@ brace_status restore_network_open(restore_network **out, const char *model, brac
     }
     status = core_safetensors_open(&file, path, error);
     if (status == BRACE_OK) {
-        status = read_shape(n, file, error);
+        status = models_shape_of_file(&n->shape, n->name, file, path, error);
+        n->side = crop_of(file);
     }
     core_safetensors_close(file);
     if (status == BRACE_OK) {
@@ -144,12 +115,7 @@ brace_status restore_network_plan(restore_network *n, int width, int height, bra
         return status;
     }
     nn_graph *g = n->graph;
-    const int frames = models_views(&n->shape);
-    n->inputs = (models_inputs){nn_input(g, "frames", (nn_shape){frames, height, width, 8}),
-                                nn_input(g, "flow", (nn_shape){frames, height, width, 2}),
-                                nn_input(g, "white", (nn_shape){frames, 1, 1, 1}),
-                                nn_input(g, "descriptors", (nn_shape){frames, 1, 1, 8}),
-                                nn_input(g, "rho", (nn_shape){frames, 1, 1, 1})};
+    n->inputs = models_inputs_create(g, models_views(&n->shape), height, width);
     n->output = models_build(g, &n->shape, &n->inputs);
     n->output = nn_type_of(g, n->output) == NN_F32 ? n->output : nn_cast(g, n->output, NN_F32);
     nn_output(g, "restored", n->output);

@@ -15,7 +15,7 @@ brace_status train_network_create(train_network *out, const train_config *config
     if (model == NULL && !config->known) {
         return core_fail(error, BRACE_ERROR_ARGUMENT, "model: \"%s\" is none of %s", config->model, models_names);
     }
-    const int frames = config->data.frames + config->data.guide, side = config->data.side;
+    const int views = config->data.frames + config->data.guide, side = config->data.side;
     brace_status status = nn_weights_create(&out->weights, config->seed, error);
     if (status == BRACE_OK && config->initial != NULL) {
         status = nn_weights_load(out->weights, config->initial, false, error);
@@ -29,13 +29,9 @@ brace_status train_network_create(train_network *out, const train_config *config
     }
     if (status == BRACE_OK) {
         nn_graph *g = out->graph;
-        out->inputs = (models_inputs){nn_input(g, "frames", (nn_shape){frames, side, side, 8}),
-                                      nn_input(g, "flow", (nn_shape){frames, side, side, 2}),
-                                      nn_input(g, "white", (nn_shape){frames, 1, 1, 1}),
-                                      nn_input(g, "descriptors", (nn_shape){frames, 1, 1, 8}),
-                                      nn_input(g, "rho", (nn_shape){frames, 1, 1, 1})};
-        out->prediction = model != NULL ? model->build(model->user, g, &out->inputs)
-                                        : models_build(g, &config->shape, &out->inputs);
+        out->inputs = models_inputs_create(g, views, side, side);
+        out->prediction =
+            model != NULL ? model->build(model->user, g, &out->inputs) : models_build(g, &config->shape, &out->inputs);
         if (nn_type_of(g, out->prediction) == NN_BF16) {
             out->prediction = nn_cast(g, out->prediction, NN_F32);
         }

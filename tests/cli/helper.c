@@ -290,11 +290,7 @@ static int network(int argc, char **argv) {
         status = nn_graph_create(&g, weights, NULL, &error);
     }
     if (status == BRACE_OK) {
-        const models_inputs inputs = {nn_input(g, "frames", (nn_shape){models_views(&shape), 64, 64, 8}),
-                                      nn_input(g, "flow", (nn_shape){models_views(&shape), 64, 64, 2}),
-                                      nn_input(g, "white", (nn_shape){models_views(&shape), 1, 1, 1}),
-                                      nn_input(g, "descriptors", (nn_shape){models_views(&shape), 1, 1, 8}),
-                                      nn_input(g, "rho", (nn_shape){models_views(&shape), 1, 1, 1})};
+        const models_inputs inputs = models_inputs_create(g, models_views(&shape), 64, 64);
         models_build(g, &shape, &inputs);
         status = nn_graph_error(g, &error);
     }

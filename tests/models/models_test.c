@@ -45,7 +45,6 @@ nn_value test_loss(nn_graph *g, nn_value y) {
 
 brace_status test_network_build(test_network *out, const models_shape *shape, int h, int w,
                                 const nn_graph_params *params, bool train, brace_error *error) {
-    const int n = shape->frames;
     *out = (test_network){0};
     brace_status status = nn_weights_create(&out->weights, 1, error);
     if (status == BRACE_OK) {
@@ -55,11 +54,7 @@ brace_status test_network_build(test_network *out, const models_shape *shape, in
         return status;
     }
     nn_graph *g = out->g;
-    out->in = (models_inputs){nn_input(g, "frames", (nn_shape){n, h, w, 8}),
-                              nn_input(g, "flow", (nn_shape){n, h, w, 2}),
-                              nn_input(g, "white", (nn_shape){n, 1, 1, 1}),
-                              nn_input(g, "descriptors", (nn_shape){n, 1, 1, 8}),
-                              nn_input(g, "rho", (nn_shape){n, 1, 1, 1})};
+    out->in = models_inputs_create(g, models_views(shape), h, w);
     out->y = models_build(g, shape, &out->in);
     nn_output(g, "y", out->y);
     out->loss = train ? test_loss(g, out->y) : 0;

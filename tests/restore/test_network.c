@@ -49,12 +49,7 @@ static nn_weights *random_weights(const models_shape *shape, bool stir) {
     nn_graph *g;
     ok(nn_weights_create(&weights, 3, &error), &error);
     ok(nn_graph_create(&g, weights, &(nn_graph_params){.job = &(brace_job){.threads = 1}}, &error), &error);
-    const int n = models_views(shape);
-    const models_inputs inputs = {nn_input(g, "frames", (nn_shape){n, 64, 64, 8}),
-                                  nn_input(g, "flow", (nn_shape){n, 64, 64, 2}),
-                                  nn_input(g, "white", (nn_shape){n, 1, 1, 1}),
-                                  nn_input(g, "descriptors", (nn_shape){n, 1, 1, 8}),
-                                  nn_input(g, "rho", (nn_shape){n, 1, 1, 1})};
+    const models_inputs inputs = models_inputs_create(g, models_views(shape), 64, 64);
     models_build(g, shape, &inputs);
     ok(nn_graph_error(g, &error), &error);
     nn_graph_destroy(g);
