@@ -10,9 +10,9 @@
 #include "core/safetensors.h"
 #include "core/sha256.h"
 #include "sim/dataset.h"
+#include "train/beside.h"
 
 static const char file_format[] = "brace motions 1";
-const char *const train_splits[] = {"train", "test", "samples", NULL};
 
 /* A motion as numbers: affine part, nodes, confidence, displacements. */
 enum { NODES = RESTORE_GRID * RESTORE_GRID, NUMBERS = 9 + 2 * NODES };
@@ -135,89 +135,40 @@ brace_status train_motions_get(train_motions *m, train_bracket *b, size_t index,
 /* ---- all of a set ---- */
 
 typedef struct make_run {
-    const train_packed *packed;
     float *numbers;
-    const brace_job *job;
-    pthread_mutex_t lock;
-    uint64_t done, all;
-    brace_status status;
-    brace_error error;
+    const volatile int *cancel;
 } make_run;
 
-static void make_some(void *arg, size_t begin, size_t end, int worker) {
-    (void)worker;
-    make_run *r = arg;
-    for (size_t i = begin; i < end; i++) {
-        train_bracket b = *train_packed_at(r->packed, i);
-        brace_error error = {0};
-        brace_status status = core_check_cancel(r->job, &error);
-        if (status == BRACE_OK) {
-            status = train_bracket_align(&b, r->job != NULL ? r->job->cancel : NULL, &error);
-        }
-        for (size_t k = 0; k < BRACE_BRACKET_MAX && status == BRACE_OK; k++) {
-            to_numbers(r->numbers + (i * BRACE_BRACKET_MAX + k) * NUMBERS, &b.motion[k]);
-        }
-        pthread_mutex_lock(&r->lock);
-        core_progress(r->job, "aligning", r->done++, r->all);
-        if (status != BRACE_OK && r->status == BRACE_OK) {
-            r->status = status, r->error = error;
-        }
-        pthread_mutex_unlock(&r->lock);
+static brace_status align_one(void *user, train_bracket *b, size_t index, brace_error *error) {
+    make_run *r = user;
+    const brace_status status = train_bracket_align(b, r->cancel, error);
+    for (size_t k = 0; k < BRACE_BRACKET_MAX && status == BRACE_OK; k++) {
+        to_numbers(r->numbers + (index * BRACE_BRACKET_MAX + k) * NUMBERS, &b->motion[k]);
     }
+    return status;
 }
 
-static brace_status make_split(core_safetensors_writer *writer, const train_packed *packed, const char *split,
-                               core_pool *pool, const brace_job *job, brace_error *error) {
-    const size_t count = train_packed_count(packed);
-    make_run r = {.packed = packed, .job = job, .all = count, .lock = PTHREAD_MUTEX_INITIALIZER};
-    r.numbers = core_calloc(count * BRACE_BRACKET_MAX * NUMBERS, sizeof *r.numbers);
+static brace_status align_split(const train_beside *of, brace_error *error) {
+    const size_t count = train_packed_count(of->packed);
+    make_run r = {.numbers = core_calloc(count * BRACE_BRACKET_MAX * NUMBERS, sizeof *r.numbers),
+                  .cancel = of->job != NULL ? of->job->cancel : NULL};
     if (r.numbers == NULL) {
         return core_fail_memory(error, count * BRACE_BRACKET_MAX * NUMBERS * sizeof *r.numbers, "motions");
     }
-    core_parallel(pool, count, 1, make_some, &r);
-    brace_status status = r.status;
-    if (status != BRACE_OK && error != NULL) {
-        *error = r.error;
-    }
+    brace_status status = train_beside_each(of, 0, count, "aligning", align_one, &r, error);
     char names[65];
-    names_of(names, packed);
+    names_of(names, of->packed);
     if (status == BRACE_OK) {
-        core_progress(job, "aligning", count, count);
-        status = core_safetensors_add(
-            writer,
-            &(core_tensor){split, CORE_F32, 3, {count, BRACE_BRACKET_MAX, NUMBERS}, r.numbers, 0}, error);
+        const core_tensor t = {of->split, CORE_F32, 3, {count, BRACE_BRACKET_MAX, NUMBERS}, r.numbers, 0};
+        status = core_safetensors_add(of->writer, &t, error);
     }
     if (status == BRACE_OK) {
-        status = core_safetensors_add_metadata(writer, split, names, error);
+        status = core_safetensors_add_metadata(of->writer, of->split, names, error);
     }
     core_free(r.numbers);
     return status;
 }
 
 brace_status train_motions_make(const char *folder, const brace_job *job, brace_error *error) {
-    core_pool *pool = NULL;
-    core_safetensors_writer *writer = NULL;
-    char *path = dataset_path(folder, DATASET_MOTIONS);
-    brace_status status = path != NULL ? core_pool_create(&pool, job, error) : core_fail_memory(error, 256, "a name");
-    if (status == BRACE_OK) {
-        status = core_safetensors_create(&writer, path, 0, error);
-    }
-    if (status == BRACE_OK) {
-        status = core_safetensors_add_metadata(writer, "format", file_format, error);
-    }
-    for (size_t i = 0; train_splits[i] != NULL && status == BRACE_OK; i++) {
-        train_packed *packed = NULL;
-        if (train_packed_open(&packed, folder, train_splits[i], 0, NULL) == BRACE_OK) {
-            status = make_split(writer, packed, train_splits[i], pool, job, error);
-        }
-        train_packed_close(packed);
-    }
-    if (status == BRACE_OK) {
-        status = core_safetensors_commit(writer, error);
-    } else {
-        core_safetensors_abort(writer);
-    }
-    core_pool_destroy(pool);
-    core_free(path);
-    return status;
+    return train_beside_make(folder, DATASET_MOTIONS, file_format, 0, align_split, job, error);
 }

@@ -13,8 +13,6 @@
 
 typedef struct train_motions train_motions;
 
-extern const char *const train_splits[]; /* that a packed set may have; NULL after the last */
-
 /* Those of a split; a file that is not there or is about other samples counts as none. */
 brace_status train_motions_open(train_motions **out, const train_packed *packed, const char *folder, const char *split,
                                 brace_error *error);
