@@ -1,6 +1,6 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
-# Trains the networks that ship, from nothing: collects the screens, simulates the sets, trains both stages.
+# Trains the networks that ship, from nothing: collects the screens, simulates the sets, trains all stages.
 # What is there already is kept, and interrupted runs go on: run it again until it says that it is done.
 #
 # Usage: scripts/train.sh BRACE FOLDER [MODEL ...]
@@ -36,8 +36,9 @@ run() {
     fi
 }
 for model in "${models[@]}"; do
-    for stage in 1 2; do
-        run train "$configs/$model-stage$stage.json" -o "runs/$model-stage$stage" --resume
+    for stage in stage1 relative stage2; do
+        [ -f "$configs/$model-$stage.json" ] || continue
+        run train "$configs/$model-$stage.json" -o "runs/$model-$stage" --resume
     done
 done
 echo "done: runs/*-stage2/weights.safetensors"
