@@ -18,7 +18,7 @@ echo '| bracket | input frame | written by BRACE | merged | truth |'
 echo '|---|---|---|---|---|'
 for folder; do
     "$build/src/cli/brace" restore --quiet --method reference "$folder"/frame_*.dng -o "$work/reference.dng"
-    "$build/src/cli/brace" restore --quiet "$folder"/frame_*.dng -o "$work/merged.dng"
+    "$build/src/cli/brace" restore --quiet --method merge "$folder"/frame_*.dng -o "$work/merged.dng"
     printf '| %s | %s | %s | %s | %s |\n' "$(basename "$folder")" "$(mean "$folder/frame_3.dng")" \
         "$(mean "$work/reference.dng")" "$(mean "$work/merged.dng")" "$(mean "$folder/gt.dng")"
 done

@@ -71,7 +71,7 @@ static double begin_peak(void) {
 typedef struct model {
     nn_weights *weights;
     nn_graph *g;
-    nn_value x, more[4], y, target, loss;
+    nn_value x, more[5], y, target, loss;
     nn_optimizer *optimizer;
 } model;
 
@@ -102,7 +102,7 @@ static void build_blocks(model *m, const model_params *p, nn_type type) {
 static void build_network(model *m, const model_params *p) {
     const models_inputs in = models_inputs_create(m->g, models_views(p->network), p->height, p->width);
     m->x = in.frames;
-    memcpy(m->more, (nn_value[]){in.flow, in.white, in.descriptors, in.rho}, sizeof m->more);
+    memcpy(m->more, (nn_value[]){in.flow, in.white, in.descriptors, in.rho, in.balance}, sizeof m->more);
     m->y = models_build(m->g, p->network, &in);
 }
 
@@ -165,7 +165,7 @@ static brace_status measure(model_result *r, const model_params *p, nn_type type
     if (status == BRACE_OK) {
         fill(m.g, m.x, 1);
         fill(m.g, m.target, 2);
-        for (uint32_t i = 0; i < 4; i++) {
+        for (uint32_t i = 0; i < sizeof m.more / sizeof *m.more; i++) {
             fill(m.g, m.more[i], 3 + i);
         }
         status = run_once(&m, error); /* memory and caches warm up */

@@ -30,6 +30,7 @@ typedef struct models_shape {
     int offset;      /* convolutions before that of the deformable offsets */
     int groups;      /* of the deformable convolution; 0: frames are moved by the flow instead, before all else */
     bool spynet;     /* flow by SPyNet; false: flow is an input, measured by restore's alignment */
+    bool balance;    /* features are made of white-balanced frames: what is white looks the same from every camera */
     bool guide;      /* the merged picture (restore/restore.c) is shown beside the frames, as the last of them */
     bool blend;      /* the result is the reference, times a gain, plus what is taken from other frames, plus a rest;
                         false: what the last convolution gives */
@@ -68,10 +69,15 @@ typedef struct models_inputs {
     nn_value white;       /* {frames, 1, 1, 1}: at which value of `frames` each clips; the guide at that of the shortest */
     nn_value descriptors; /* {frames, 1, 1, 8}: of the banding prior */
     nn_value rho;         /* {frames, 1, 1, 1} */
+    nn_value balance;     /* {1, 1, 1, 8}: models_balance */
 } models_inputs;
 
 /* All of them, as inputs of the graph with these names, `views` frames each. */
 models_inputs models_inputs_create(nn_graph *g, int views, int height, int width);
+
+/* What `frames` are multiplied by to be white-balanced, from the gains of R, G and B; green stays as it is. Gains that are
+ * none, or beyond 16, count as 1. */
+void models_balance(float balance[8], const double gains[3]);
 
 /* The picture of the reference without banding, packed RAW {1, h, w, 4}, linear. */
 nn_value models_build(nn_graph *g, const models_shape *shape, const models_inputs *inputs);

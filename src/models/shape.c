@@ -21,6 +21,7 @@ bool models_shape_named(models_shape *out, const char *name) {
     out->mscam = out->prior = small || large;
     out->strip = small ? 64 : 0;
     out->guide = small;
+    out->balance = strcmp(name, "tmrnet") != 0; /* whose published weights know no balance */
     return true;
 }
 
@@ -42,6 +43,7 @@ static const struct {
     {"strip", offsetof(models_shape, strip), 0, 4096},
 }, switches[] = {
     {"spynet", offsetof(models_shape, spynet), 0, 1},
+    {"balance", offsetof(models_shape, balance), 0, 1},
     {"guide", offsetof(models_shape, guide), 0, 1},
     {"blend", offsetof(models_shape, blend), 0, 1},
     {"mscam", offsetof(models_shape, mscam), 0, 1},
@@ -126,6 +128,7 @@ brace_status models_shape_of_file(models_shape *out, char name[MODELS_NAME], con
     if (network == NULL) {
         return BRACE_OK;
     }
+    out->balance = out->guide = false; /* a file without these keys is older than they are */
     json_check *doc = NULL;
     brace_status status = json_check_parse(&doc, network, "its network", error);
     if (status == BRACE_OK) {
@@ -138,12 +141,4 @@ brace_status models_shape_of_file(models_shape *out, char name[MODELS_NAME], con
         core_error_prefix(error, path);
     }
     return status;
-}
-
-models_inputs models_inputs_create(nn_graph *g, int n, int height, int width) {
-    return (models_inputs){.frames = nn_input(g, "frames", (nn_shape){n, height, width, 8}),
-                           .flow = nn_input(g, "flow", (nn_shape){n, height, width, 2}),
-                           .white = nn_input(g, "white", (nn_shape){n, 1, 1, 1}),
-                           .descriptors = nn_input(g, "descriptors", (nn_shape){n, 1, 1, 8}),
-                           .rho = nn_input(g, "rho", (nn_shape){n, 1, 1, 1})};
 }

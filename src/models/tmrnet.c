@@ -42,6 +42,10 @@ static nn_value look(nn_graph *g, nn_value frames) {
     return nn_pow(g, nn_clamp(g, rgb, 0, 1), 1 / gamma_curve);
 }
 
+static nn_value balanced(nn_graph *g, const models_shape *shape, const models_inputs *in, nn_value frames) {
+    return shape->balance ? nn_mul(g, frames, in->balance) : frames;
+}
+
 static nn_value others(nn_graph *g, nn_value x) {
     return nn_slice(g, x, NN_AXIS_N, 1, nn_shape_of(g, x).n, 1);
 }
@@ -106,11 +110,11 @@ static nn_value aggregate(nn_graph *g, const models_shape *shape, nn_value featu
 }
 
 /* y of the header, from maps {1, h, w, 4 views + 4}. */
-static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, nn_value frames, nn_value white_level) {
+static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, nn_value frames, const models_inputs *in) {
     const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2), first = nn_slice(g, all, NN_AXIS_N, 0, 1, 1);
     const nn_value moved = others(g, all);
     /* 1 up to 0.8 of white, in this curve, 0 from 0.95 on. */
-    const nn_value white = nn_pow(g, others(g, white_level), 1 / gamma_curve);
+    const nn_value white = nn_pow(g, others(g, in->white), 1 / gamma_curve);
     const nn_value trust = nn_clamp(g, nn_affine(g, nn_div(g, moved, white), -1 / 0.15, 0.95 / 0.15), 0, 1);
     const nn_value more = nn_mul(g, nn_sub(g, moved, first), trust);
     nn_value y = nn_mul(g, first, nn_affine(g, nn_slice(g, maps, NN_AXIS_C, 0, 4, 1), 1, 1));
@@ -120,7 +124,9 @@ static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, nn_
         const nn_value map = nn_slice(g, maps, NN_AXIS_C, 4 * i, 4 * i + 4, 1), share = guide ? nn_affine(g, map, 1, 1) : map;
         y = nn_add(g, y, nn_mul(g, nn_slice(g, more, NN_AXIS_N, i - 1, i, 1), share));
     }
-    y = nn_add(g, y, nn_slice(g, maps, NN_AXIS_C, 4 * views, 4 * views + 4, 1));
+    nn_value rest = nn_slice(g, maps, NN_AXIS_C, 4 * views, 4 * views + 4, 1);
+    rest = shape->balance ? nn_div(g, rest, nn_slice(g, in->balance, NN_AXIS_C, 1, 8, 2)) : rest;
+    y = nn_add(g, y, rest);
     return nn_mul(g, y, nn_pow(g, nn_abs(g, y), gamma_curve - 1));
 }
 
@@ -132,6 +138,8 @@ static bool fits(nn_graph *g, const models_shape *shape, const models_inputs *in
         nn_reject(g, "%d frames of %d channels; the network takes %d of 8", s.n, s.c, models_views(shape));
     } else if (s.h % by != 0 || s.w % by != 0) {
         nn_reject(g, "a picture of %d x %d; the network takes multiples of %d", s.w, s.h, by);
+    } else if (shape->balance && in->balance == 0) {
+        nn_reject(g, "no white balance, which the network takes");
     } else if (!shape->spynet && (flow.n != s.n || flow.h != s.h || flow.w != s.w || flow.c != 2)) {
         nn_reject(g, "a flow of %d x %d x %d x %d for %d frames of %d x %d", flow.n, flow.h, flow.w, flow.c, s.n, s.w,
                   s.h);
@@ -147,14 +155,15 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
     const nn_type exact = nn_type_of(g, in->frames);
     nn_value flow = in->flow;
     if (shape->spynet) {
-        const nn_value seen = look(g, in->frames);
+        const nn_value seen = look(g, balanced(g, shape, in, in->frames));
         flow = models_spynet(g, repeat_first(g, seen), others(g, seen));
     }
     const nn_value flow_others = shape->spynet ? flow : others(g, flow);
     const nn_value moved = shape->groups > 0 ? in->frames : move(g, in->frames, flow_others);
-    const nn_value packed = unshuffle(g, moved, by);
+    const nn_value packed = unshuffle(g, balanced(g, shape, in, moved), by);
     /* Linear as published; blends are made under the gamma curve. */
-    const nn_value first = nn_slice(g, nn_slice(g, in->frames, NN_AXIS_N, 0, 1, 1), NN_AXIS_C, shape->blend ? 1 : 0, 8, 2);
+    const nn_value reference = balanced(g, shape, in, nn_slice(g, in->frames, NN_AXIS_N, 0, 1, 1));
+    const nn_value first = nn_slice(g, reference, NN_AXIS_C, shape->blend ? 1 : 0, 8, 2);
     nn_value f = models_residual_blocks(g, "feat_extract", nn_cast(g, packed, nn_graph_type(g)), c, shape->extract);
     f = shape->groups > 0 ? align(g, shape, f, coarser(g, flow_others, by)) : f;
     f = shape->mscam ? models_mscam(g, shape, f, in) : f;
@@ -171,7 +180,7 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
                                    .init = shape->blend ? NN_INIT_ZERO : NN_INIT_UNIFORM_FAN_IN});
     f = nn_cast(g, by == 1 ? f : nn_pixel_shuffle(g, f, by), exact);
     if (!shape->blend) {
-        return f;
+        return shape->balance ? nn_div(g, f, nn_slice(g, in->balance, NN_AXIS_C, 0, 8, 2)) : f;
     }
-    return blend(g, shape, f, shape->groups > 0 ? move(g, in->frames, flow_others) : moved, in->white);
+    return blend(g, shape, f, shape->groups > 0 ? move(g, in->frames, flow_others) : moved, in);
 }

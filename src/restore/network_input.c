@@ -15,6 +15,7 @@
 #include <string.h>
 
 #include "brace/banding.h"
+#include "brace/develop.h"
 #include "raw/isp.h"
 #include "restore/network.h"
 
@@ -155,7 +156,11 @@ brace_status restore_network_show(restore_network *n, const restore_tile *tile, 
     if (rows == NULL) {
         return core_fail_memory(error, (size_t)shape.w * 16, "a tile");
     }
-    brace_status status = BRACE_OK;
+    brace_color color;
+    brace_status status = brace_color_init(&color, tile->bracket->frames[tile->bracket->reference], error);
+    if (status == BRACE_OK && n->shape.balance) {
+        models_balance(nn_data(n->graph, n->inputs.balance), color.wb);
+    }
     for (int i = 0; i < shape.n && status == BRACE_OK; i++) {
         static const restore_motion none = {.confidence = 1};
         const bool guide = (size_t)i == tile->bracket->count; /* lies as the reference does, as far as any frame reaches */

@@ -186,11 +186,14 @@ class Network(nn.Module):
         self.conv_hr = nn.Conv2d(c, c, 3, padding=1)
         self.conv_last = nn.Conv2d(c, (4 * frames + 4 if shape["blend"] else 4) * by * by, 3, padding=1)
 
-    def forward(self, frames, flow=None, white=None, descriptors=None, rho=None):
-        """frames: n x 8 x h x w, flow: n x 2 x h x w, white and rho: n, descriptors: n x 8."""
+    def forward(self, frames, flow=None, white=None, descriptors=None, rho=None, balance=None):
+        """frames: n x 8 x h x w, flow: n x 2 x h x w, white and rho: n, descriptors: n x 8, balance: 8."""
         shape, n = self.shape, self.shape["frames"]
-        by, linear, curved = shape["unshuffle"], frames[:, 0::2], frames[:, 1::2]
+        by, curved = shape["unshuffle"], frames[:, 1::2]
+        balance = (balance if shape["balance"] else torch.ones_like(frames[0, :, 0, 0])).reshape(8, 1, 1)
+        seen = frames * balance
         if shape["spynet"]:
+            linear = seen[:, 0::2]
             look = torch.stack([linear[:, 0], (linear[:, 1] + linear[:, 2]) / 2, linear[:, 3]], 1)
             look = look.clamp(0, 1) ** (1 / GAMMA)
             flow = self.spynet(look[:1].repeat(n - 1, 1, 1, 1), look[1:])
@@ -201,7 +204,7 @@ class Network(nn.Module):
             return torch.cat([x[:1], warp(x[1:], flow, "border")])
 
         deform = shape["groups"] > 0
-        f = self.feat_extract(F.pixel_unshuffle(frames if deform else moved(frames), by))
+        f = self.feat_extract(F.pixel_unshuffle(seen if deform else moved(seen), by))
         if deform:
             coarse = F.avg_pool2d(flow, by) / by
             f = torch.cat([f[:1], self.dcn_alignment(f[1:], f[:1].repeat(n - 1, 1, 1, 1), coarse)])
@@ -213,14 +216,14 @@ class Network(nn.Module):
             rest = self.backbone[f"backward_rec_{i + 1}"](torch.cat([f[:1], f[i:i + 1], h], 1))
             h = h + rest * self.learn_para[:, i]
         h = self.reconstruction(torch.cat([f[:1], h], 1))
-        h = h + self.skipup1.upsample_conv(F.pixel_unshuffle((curved if shape["blend"] else linear)[:1], by))
+        h = h + self.skipup1.upsample_conv(F.pixel_unshuffle(seen[:1, 1 if shape["blend"] else 0::2], by))
         h = self.conv_last(F.leaky_relu(self.conv_hr(h), 0.1))
         h = F.pixel_shuffle(h, by)
         if not shape["blend"]:
-            return h
+            return h / balance[0::2]
         v = moved(curved)
         maps = h.reshape(n + 1, 4, *h.shape[2:])
         level = white[1:].reshape(-1, 1, 1, 1) ** (1 / GAMMA)
         trust = ((0.95 - v[1:] / level) / 0.15).clamp(0, 1)
-        y = v[0] * (1 + maps[0]) + (trust * maps[1:n] * (v[1:] - v[0])).sum(0) + maps[n]
+        y = v[0] * (1 + maps[0]) + (trust * maps[1:n] * (v[1:] - v[0])).sum(0) + maps[n] / balance[1::2]
         return (torch.sign(y) * y.abs() ** GAMMA)[None]

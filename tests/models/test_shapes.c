@@ -3,6 +3,7 @@
  * test_shapes.c: the networks by name and by JSON; what cannot be built is refused with a sentence; every lack of
  * memory gives an error and no leak.
  */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -27,6 +28,8 @@ static void test_names(void **state) {
         assert_true(bare.mscam && bare.prior);
         bare.mscam = bare.prior = false;
         bare.strip = 0, bare.guide = false;
+        assert_true(bare.balance && tmrnet->balance == (i > 0)); /* published weights know none */
+        bare.balance = tmrnet->balance;
         assert_true(models_shape_equal(&bare, tmrnet));
     }
     memset(&untouched, 0x11, sizeof untouched);
@@ -56,12 +59,13 @@ static const models_shape every = {.frames = 7, .channels = 24, .unshuffle = 4, 
 
 static void test_round_trip(void **state) {
     (void)state;
-    for (int i = 0; i < 32; i++) { /* switches in every combination */
+    for (int i = 0; i < 64; i++) { /* switches in every combination */
         models_shape shape = every, back = {0};
         brace_error error = {0};
-        shape.spynet = i & 1, shape.blend = i & 2, shape.mscam = i & 4, shape.prior = i & 8, shape.guide = i & 16;
+        shape.spynet = i & 1, shape.blend = i & 2, shape.mscam = i & 4, shape.prior = i & 8, shape.guide = i & 16,
+        shape.balance = i & 32;
         json_t *json = models_shape_json(&shape);
-        assert_int_equal(json_object_size(json), 15);
+        assert_int_equal(json_object_size(json), 16);
         char *text = json_dumps(json, 0);
         test_ok(read_text(&back, text, &error), &error);
         assert_true(models_shape_equal(&shape, &back));
@@ -208,6 +212,65 @@ static void test_wrong_inputs(void **state) {
     s = test_shape();
     s.blend = true;
     cannot(&s, (nn_shape){5, 16, 16, 8}, (nn_shape){5, 16, 16, 2}, "missing"); /* white */
+    s.balance = true;
+    cannot(&s, (nn_shape){5, 16, 16, 8}, (nn_shape){5, 16, 16, 2}, "no white balance");
+}
+
+/* ---- white balance ---- */
+
+static void test_gains(void **state) {
+    (void)state;
+    float balance[8];
+    models_balance(balance, (const double[3]){4, 2, 3});
+    for (int i = 0; i < 4; i++) {
+        const double want = i == 0 ? 2 : i == 3 ? 1.5 : 1;
+        assert_true(fabs((double)balance[2 * i] - want) < 1e-6);
+        assert_true(fabs(pow((double)balance[2 * i + 1], 2.2) - want) < 1e-6);
+    }
+    models_balance(balance, (const double[3]){NAN, 1, 1e9});
+    for (int i = 0; i < 8; i++) {
+        assert_true(balance[i] == 1);
+    }
+}
+
+/* A camera whose red is half as sensitive, and which says so, gets half the red, and all else alike. */
+static void test_cameras(void **state) {
+    (void)state;
+    static const double sensitive[4] = {0.5, 1, 1, 1.3};
+    models_shape s = test_shape();
+    s.balance = s.mscam = s.prior = true, s.strip = 4;
+    for (int blend = 0; blend < 2; blend++) {
+        s.blend = blend != 0, s.unshuffle = blend ? 2 : 1, s.groups = blend ? 0 : 2;
+        brace_error error = {0};
+        const brace_job job = {.threads = 1};
+        test_network n;
+        test_ok(test_network_build(&n, &s, 16, 16, &(nn_graph_params){.job = &job}, false, &error), &error);
+        test_ok(nn_graph_plan(n.g, NULL, &error), &error);
+        test_fill_weights(n.weights);
+        test_fill_inputs(&n);
+        if (blend) {
+            test_fill_value(n.g, n.in.white, "white", 1e6, 1e6); /* one clips at the same number of another scene */
+        }
+        test_ok(nn_forward(n.g, &error), &error);
+        const float *y = nn_data(n.g, n.y);
+        float first[16 * 16 * 4], *frames = nn_data(n.g, n.in.frames), *balance = nn_data(n.g, n.in.balance);
+        memcpy(first, y, sizeof first);
+        for (size_t i = 0; i < nn_count(nn_shape_of(n.g, n.in.frames)); i++) {
+            frames[i] *= (float)pow(sensitive[i / 2 % 4], i % 2 == 0 ? 1 : 1 / 2.2);
+        }
+        for (size_t i = 0; i < 8; i++) {
+            balance[i] /= (float)pow(sensitive[i / 2], i % 2 == 0 ? 1 : 1 / 2.2);
+        }
+        test_ok(nn_forward(n.g, &error), &error);
+        double largest = 0;
+        for (size_t i = 0; i < sizeof first / sizeof *first; i++) {
+            const double want = (double)first[i] * sensitive[i % 4];
+            assert_true(fabs((double)y[i] - want) < 1e-4 * (1 + fabs(want)));
+            largest = fmax(largest, fabs(want));
+        }
+        assert_true(largest > 0.1);
+        test_network_destroy(&n);
+    }
 }
 
 /* ---- memory ---- */
@@ -268,8 +331,8 @@ static void test_out_of_memory_for_json(void **state) {
         assert_true(json != NULL || n < 1000);
     }
     json_set_alloc_funcs(malloc, free);
-    assert_true(n > 15);
-    assert_int_equal(json_object_size(json), 15);
+    assert_true(n > 16);
+    assert_int_equal(json_object_size(json), 16);
     json_decref(json);
 }
 
@@ -278,6 +341,7 @@ int main(void) {
         cmocka_unit_test(test_names),        cmocka_unit_test(test_round_trip),
         cmocka_unit_test(test_wrong_json),   cmocka_unit_test(test_every_difference_counts),
         cmocka_unit_test(test_paper_size),   cmocka_unit_test(test_wrong_inputs),
+        cmocka_unit_test(test_gains),        cmocka_unit_test(test_cameras),
         cmocka_unit_test(test_out_of_memory), cmocka_unit_test(test_out_of_memory_for_json),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
