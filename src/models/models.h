@@ -46,6 +46,8 @@ extern const char models_names[];
 
 /* Reads keys that are there over what *shape holds; wrong ones are remembered by the document. */
 void models_shape_read(models_shape *shape, const json_at *object);
+/* The same of a text; `name` is for messages. */
+brace_status models_shape_parse(models_shape *shape, const char *text, const char *name, brace_error *error);
 json_t *models_shape_json(const models_shape *shape); /* all keys; NULL: out of memory */
 bool models_shape_equal(const models_shape *a, const models_shape *b);
 /* What a weights file that brace wrote says of its network. `name` is what the user called it, or "", and becomes what

@@ -78,6 +78,18 @@ void models_shape_read(models_shape *shape, const json_at *object) {
     }
 }
 
+brace_status models_shape_parse(models_shape *shape, const char *text, const char *name, brace_error *error) {
+    json_check *doc = NULL;
+    brace_status status = json_check_parse(&doc, text, name, error);
+    if (status == BRACE_OK) {
+        const json_at root = json_check_root(doc);
+        models_shape_read(shape, &root);
+        status = json_check_status(doc, error);
+    }
+    json_check_destroy(doc);
+    return status;
+}
+
 json_t *models_shape_json(const models_shape *shape) {
     json_t *out = json_object();
     bool whole = out != NULL;
@@ -129,14 +141,7 @@ brace_status models_shape_of_file(models_shape *out, char name[MODELS_NAME], con
         return BRACE_OK;
     }
     out->balance = out->guide = false; /* a file without these keys is older than they are */
-    json_check *doc = NULL;
-    brace_status status = json_check_parse(&doc, network, "its network", error);
-    if (status == BRACE_OK) {
-        const json_at root = json_check_root(doc);
-        models_shape_read(out, &root);
-        status = json_check_status(doc, error);
-    }
-    json_check_destroy(doc);
+    const brace_status status = models_shape_parse(out, network, "its network", error);
     if (status != BRACE_OK) {
         core_error_prefix(error, path);
     }

@@ -42,18 +42,6 @@ static void test_names(void **state) {
     assert_memory_equal(&copy, &untouched, sizeof copy);
 }
 
-static brace_status read_text(models_shape *shape, const char *text, brace_error *error) {
-    json_check *doc = NULL;
-    brace_status status = json_check_parse(&doc, text, "network.json", error);
-    if (status == BRACE_OK) {
-        const json_at root = json_check_root(doc);
-        models_shape_read(shape, &root);
-        status = json_check_status(doc, error);
-    }
-    json_check_destroy(doc);
-    return status;
-}
-
 static const models_shape every = {.frames = 7, .channels = 24, .unshuffle = 4, .extract = 11, .global = 12,
                                    .frame = 13, .reconstruct = 14, .offset = 15, .groups = 6, .strip = 17};
 
@@ -67,14 +55,14 @@ static void test_round_trip(void **state) {
         json_t *json = models_shape_json(&shape);
         assert_int_equal(json_object_size(json), 16);
         char *text = json_dumps(json, 0);
-        test_ok(read_text(&back, text, &error), &error);
+        test_ok(models_shape_parse(&back, text, "network.json", &error), &error);
         assert_true(models_shape_equal(&shape, &back));
         free(text);
         json_decref(json);
     }
     models_shape shape = every; /* keys that are not there leave what is */
     brace_error error = {0};
-    test_ok(read_text(&shape, "{\"frame\": 2}", &error), &error);
+    test_ok(models_shape_parse(&shape, "{\"frame\": 2}", "network.json", &error), &error);
     assert_int_equal(shape.frame, 2);
     shape.frame = every.frame;
     assert_true(models_shape_equal(&shape, &every));
@@ -94,7 +82,7 @@ static void test_every_difference_counts(void **state) {
         } else {
             snprintf(text, sizeof text, "{\"%s\": %d}", key, strcmp(key, "channels") == 0 ? 48 : 2);
         }
-        test_ok(read_text(&other, text, &error), &error);
+        test_ok(models_shape_parse(&other, text, "network.json", &error), &error);
         assert_false(models_shape_equal(&every, &other));
     }
     json_decref(json);
@@ -103,7 +91,7 @@ static void test_every_difference_counts(void **state) {
 static void refused(const char *text, const char *sentence) {
     models_shape shape = test_shape();
     brace_error error = {0};
-    assert_int_not_equal(read_text(&shape, text, &error), BRACE_OK);
+    assert_int_not_equal(models_shape_parse(&shape, text, "network.json", &error), BRACE_OK);
     if (strstr(error.message, "network.json") == NULL || strstr(error.message, sentence) == NULL) {
         fail_msg("%s: \"%s\" does not say \"%s\"", text, error.message, sentence);
     }
