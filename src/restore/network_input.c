@@ -149,6 +149,15 @@ static brace_status show_prior(restore_network *n, const restore_tile *tile, int
     return status;
 }
 
+static brace_status show_balance(restore_network *n, const restore_tile *tile, brace_error *error) {
+    brace_color color;
+    brace_status status = brace_color_init(&color, tile->bracket->frames[tile->bracket->reference], error);
+    if (status == BRACE_OK) {
+        models_balance(nn_data(n->graph, n->inputs.balance), color.wb);
+    }
+    return status;
+}
+
 brace_status restore_network_show(restore_network *n, const restore_tile *tile, core_pool *pool, brace_error *error) {
     const nn_shape shape = nn_shape_of(n->graph, n->inputs.frames);
     const size_t pixels = (size_t)shape.h * (size_t)shape.w;
@@ -156,11 +165,7 @@ brace_status restore_network_show(restore_network *n, const restore_tile *tile, 
     if (rows == NULL) {
         return core_fail_memory(error, (size_t)shape.w * 16, "a tile");
     }
-    brace_color color;
-    brace_status status = brace_color_init(&color, tile->bracket->frames[tile->bracket->reference], error);
-    if (status == BRACE_OK && n->shape.balance) {
-        models_balance(nn_data(n->graph, n->inputs.balance), color.wb);
-    }
+    brace_status status = n->shape.balance ? show_balance(n, tile, error) : BRACE_OK;
     for (int i = 0; i < shape.n && status == BRACE_OK; i++) {
         static const restore_motion none = {.confidence = 1};
         const bool guide = (size_t)i == tile->bracket->count; /* lies as the reference does, as far as any frame reaches */
