@@ -17,7 +17,7 @@ random() {
 { "model": "$1", "batch": 1, "epochs": 1, "epoch_samples": 1, "data": {"width": 96, "height": 96, "crop": 32, "crops": 1},
   "validation": {"samples": 1} }
 END
-    "$build/src/cli/brace" train "$work/$1.json" -o "$work/$1" -q >&2
+    "$build/src/cli/brace" train "$work/$1.json" -o "$work/$1" --resume -q >&2
     echo "$work/$1/weights.safetensors"
 }
 

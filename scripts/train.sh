@@ -37,7 +37,7 @@ run() {
 }
 for model in "${models[@]}"; do
     for stage in stage1 relative stage2; do
-        [ -f "$configs/$model-$stage.json" ] || continue
+        [ $stage != relative ] || [ -f "$configs/$model-$stage.json" ] || continue # the large ones have none
         run train "$configs/$model-$stage.json" -o "runs/$model-$stage" --resume
     done
 done
