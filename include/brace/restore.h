@@ -40,7 +40,7 @@ typedef struct brace_motion {
     double rotation;     /* degrees, counter-clockwise as seen */
     double scale;        /* 1: none */
     double local;        /* largest residual displacement found locally, pixels */
-    double confidence;   /* 0: could not be aligned and is not used, to 1 */
+    double confidence;   /* 0: could not be aligned and is taken as it was shot, to 1 */
 } brace_motion;
 
 /* What a restoration did; filled when asked for. Seconds are wall-clock. */

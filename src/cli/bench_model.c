@@ -71,7 +71,7 @@ static double begin_peak(void) {
 typedef struct model {
     nn_weights *weights;
     nn_graph *g;
-    nn_value x, more[5], y, target, loss;
+    nn_value x, more[6], y, target, loss;
     nn_optimizer *optimizer;
 } model;
 
@@ -102,7 +102,7 @@ static void build_blocks(model *m, const model_params *p, nn_type type) {
 static void build_network(model *m, const model_params *p) {
     const models_inputs in = models_inputs_create(m->g, models_views(p->network), p->height, p->width);
     m->x = in.frames;
-    memcpy(m->more, (nn_value[]){in.flow, in.white, in.descriptors, in.rho, in.balance}, sizeof m->more);
+    memcpy(m->more, (nn_value[]){in.flow, in.white, in.descriptors, in.rho, in.balance, in.sigma}, sizeof m->more);
     m->y = models_build(m->g, p->network, &in);
 }
 

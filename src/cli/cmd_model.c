@@ -134,7 +134,7 @@ static void print(const model_file *m) {
     printf("  residual blocks: %d extraction, %d shared and %d of each frame, %d reconstruction\n", s->extract,
            s->global, s->frame, s->reconstruct);
     printf("  shown white-balanced frames: %s\n", s->balance ? "yes" : "no");
-    printf("  shown the merged picture, too: %s\n", s->guide ? "yes" : "no");
+    printf("  shown the merged picture, too: %s\n", !s->guide ? "no" : s->sigma ? "yes, with its expected errors" : "yes");
     printf("  alignment: %s%s\n", s->spynet ? "optical flow" : "measured motion",
            s->groups > 0 ? " and deformable convolution" : "");
     printf("  MSCAM: %s%s%s\n", s->mscam ? "yes" : "no", s->mscam && s->prior ? ", with banding prior" : "",

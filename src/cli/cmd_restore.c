@@ -233,7 +233,7 @@ static void print_table(const brace_bracket *b, const brace_restored *r) {
         if (i == b->reference) {
             snprintf(motion, sizeof motion, "-");
         } else if (r->report.method != BRACE_METHOD_REFERENCE && !(m->confidence > 0)) {
-            snprintf(motion, sizeof motion, "lost");
+            snprintf(motion, sizeof motion, "unknown");
         } else {
             snprintf(motion, sizeof motion, "%.1f px", hypot(m->dx, m->dy));
         }

@@ -292,7 +292,7 @@ static brace_status write_frame(const report_page *page, const restore_report *r
     if (i == b->reference)
         fputs("\xe2\x80\x93", f);
     else if (done->method != BRACE_METHOD_REFERENCE && !(m->confidence > 0))
-        fputs("lost", f);
+        fputs("unknown", f);
     else
         fprintf(f, "%.1f px", hypot(m->dx, m->dy));
     fputs("</dd>\n", f);

@@ -10,7 +10,8 @@ models_inputs models_inputs_create(nn_graph *g, int n, int height, int width) {
                            .white = nn_input(g, "white", (nn_shape){n, 1, 1, 1}),
                            .descriptors = nn_input(g, "descriptors", (nn_shape){n, 1, 1, 8}),
                            .rho = nn_input(g, "rho", (nn_shape){n, 1, 1, 1}),
-                           .balance = nn_input(g, "balance", (nn_shape){1, 1, 1, 8})};
+                           .balance = nn_input(g, "balance", (nn_shape){1, 1, 1, 8}),
+                           .sigma = nn_input(g, "sigma", (nn_shape){1, height, width, 4})};
 }
 
 void models_balance(float balance[8], const double gains[3]) {

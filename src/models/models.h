@@ -32,6 +32,7 @@ typedef struct models_shape {
     bool spynet;     /* flow by SPyNet; false: flow is an input, measured by restore's alignment */
     bool balance;    /* features are made of white-balanced frames: what is white looks the same from every camera */
     bool guide;      /* the merged picture (restore/restore.c) is shown beside the frames, as the last of them */
+    bool sigma;      /* so is how far off merging expects it to be; blends move away from it in proportion to that */
     bool blend;      /* the result is the reference, times a gain, plus what is taken from other frames, plus a rest;
                         false: what the last convolution gives */
     bool mscam;      /* multi-scale spatial cross-attention modulator */
@@ -72,6 +73,7 @@ typedef struct models_inputs {
     nn_value descriptors; /* {frames, 1, 1, 8}: of the banding prior */
     nn_value rho;         /* {frames, 1, 1, 1} */
     nn_value balance;     /* {1, 1, 1, 8}: models_balance */
+    nn_value sigma;       /* {1, h, w, 4}: the guide's expected error under that curve */
 } models_inputs;
 
 /* All of them, as inputs of the graph with these names, `views` frames each. */

@@ -17,6 +17,14 @@
  * where v are the frames under the gamma curve, moved by the flow, m_i falls to 0 where frame i clips, and a and b are
  * maps of the last convolution, which begin as a_0 = 1 and 0 else: the network begins as the reference, and steady
  * light needs nothing else. With a guide, which is the last v, its a begins as 1, too: the network begins as merging.
+ *
+ * With sigma, what merging expects its errors to be, the guide is what is blended into, and frames are listened to as
+ * far as merging doubts:
+ *
+ *   u_i = (v_i - v_g) / sqrt((8 sigma)^2 + (v_i - v_g)^2)
+ *   y = v_g + 8 sigma (sum_i m_i a_i u_i + b / 2)
+ *
+ * u_i and sigma^(1/4) are shown to the network beside frame i.
  */
 #include "models/models.h"
 
@@ -109,14 +117,50 @@ static nn_value aggregate(nn_graph *g, const models_shape *shape, nn_value featu
     return nn_concat(g, NN_AXIS_C, 2, (nn_value[]){base, h});
 }
 
+/* How many sigma a frame can move the guide by. */
+static const double reach = 8;
+
+/* u_i of the header, all frames under the gamma curve, moved by the flow, and the guide the last of them; 0 for the guide
+ * and for what was moved into the picture from outside. */
+static nn_value unlike(nn_graph *g, nn_value curved, nn_value flow, nn_value sigma) {
+    const int views = nn_shape_of(g, curved).n;
+    const nn_value ones = nn_affine(g, nn_slice(g, curved, NN_AXIS_C, 0, 1, 1), 0, 1);
+    const nn_value first = nn_slice(g, ones, NN_AXIS_N, 0, 1, 1), inside = nn_warp(g, others(g, ones), flow, NN_ZERO);
+    const nn_value d = nn_sub(g, curved, nn_slice(g, curved, NN_AXIS_N, views - 1, views, 1));
+    const nn_value limit = nn_affine(g, nn_mul(g, sigma, sigma), reach * reach, 1e-10);
+    const nn_value u = nn_div(g, d, nn_sqrt(g, nn_add(g, nn_mul(g, d, d), limit)));
+    return nn_mul(g, u, nn_concat(g, NN_AXIS_N, 2, (nn_value[]){first, inside}));
+}
+
+/* 1 up to 0.8 of white, in the gamma curve, 0 from 0.95 on. */
+static nn_value unclipped(nn_graph *g, nn_value curved, nn_value white) {
+    const nn_value level = nn_div(g, curved, nn_pow(g, white, 1 / gamma_curve));
+    return nn_clamp(g, nn_affine(g, level, -1 / 0.15, 0.95 / 0.15), 0, 1);
+}
+
+static nn_value uncurved(nn_graph *g, nn_value y) {
+    return nn_mul(g, y, nn_pow(g, nn_abs(g, y), gamma_curve - 1));
+}
+
+/* y of the header with sigma, from maps {1, h, w, 4 views}: b is the last of them, as the guide has no a. */
+static nn_value blend_doubt(nn_graph *g, nn_value maps, nn_value frames, nn_value flow, const models_inputs *in) {
+    const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2);
+    const int last = nn_shape_of(g, frames).n - 1;
+    const nn_value u = nn_mul(g, unlike(g, all, flow, in->sigma), unclipped(g, all, in->white));
+    nn_value sum = nn_affine(g, nn_slice(g, maps, NN_AXIS_C, 4 * last, 4 * last + 4, 1), 0.5, 0);
+    for (int i = 0; i < last; i++) {
+        const nn_value map = nn_slice(g, maps, NN_AXIS_C, 4 * i, 4 * i + 4, 1);
+        sum = nn_add(g, sum, nn_mul(g, nn_slice(g, u, NN_AXIS_N, i, i + 1, 1), map));
+    }
+    const nn_value guide = nn_slice(g, all, NN_AXIS_N, last, last + 1, 1);
+    return uncurved(g, nn_add(g, guide, nn_mul(g, sum, nn_affine(g, in->sigma, reach, 0))));
+}
+
 /* y of the header, from maps {1, h, w, 4 views + 4}. */
 static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, nn_value frames, const models_inputs *in) {
     const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2), first = nn_slice(g, all, NN_AXIS_N, 0, 1, 1);
     const nn_value moved = others(g, all);
-    /* 1 up to 0.8 of white, in this curve, 0 from 0.95 on. */
-    const nn_value white = nn_pow(g, others(g, in->white), 1 / gamma_curve);
-    const nn_value trust = nn_clamp(g, nn_affine(g, nn_div(g, moved, white), -1 / 0.15, 0.95 / 0.15), 0, 1);
-    const nn_value more = nn_mul(g, nn_sub(g, moved, first), trust);
+    const nn_value more = nn_mul(g, nn_sub(g, moved, first), unclipped(g, moved, others(g, in->white)));
     nn_value y = nn_mul(g, first, nn_affine(g, nn_slice(g, maps, NN_AXIS_C, 0, 4, 1), 1, 1));
     const int views = models_views(shape);
     for (int i = 1; i < views; i++) {
@@ -126,8 +170,7 @@ static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, nn_
     }
     nn_value rest = nn_slice(g, maps, NN_AXIS_C, 4 * views, 4 * views + 4, 1);
     rest = shape->balance ? nn_div(g, rest, nn_slice(g, in->balance, NN_AXIS_C, 1, 8, 2)) : rest;
-    y = nn_add(g, y, rest);
-    return nn_mul(g, y, nn_pow(g, nn_abs(g, y), gamma_curve - 1));
+    return uncurved(g, nn_add(g, y, rest));
 }
 
 /* What would otherwise be noticed somewhere inside, or not at all. */
@@ -140,6 +183,8 @@ static bool fits(nn_graph *g, const models_shape *shape, const models_inputs *in
         nn_reject(g, "a picture of %d x %d; the network takes multiples of %d", s.w, s.h, by);
     } else if (shape->balance && in->balance == 0) {
         nn_reject(g, "no white balance, which the network takes");
+    } else if (shape->sigma && !(shape->guide && shape->blend && shape->groups == 0 && in->sigma != 0)) {
+        nn_reject(g, "sigma without a guide, or without a blend, or with groups; it is of the guide that is blended into");
     } else if (!shape->spynet && (flow.n != s.n || flow.h != s.h || flow.w != s.w || flow.c != 2)) {
         nn_reject(g, "a flow of %d x %d x %d x %d for %d frames of %d x %d", flow.n, flow.h, flow.w, flow.c, s.n, s.w,
                   s.h);
@@ -160,7 +205,15 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
     }
     const nn_value flow_others = shape->spynet ? flow : others(g, flow);
     const nn_value moved = shape->groups > 0 ? in->frames : move(g, in->frames, flow_others);
-    const nn_value packed = unshuffle(g, balanced(g, shape, in, moved), by);
+    nn_value shown = balanced(g, shape, in, moved);
+    if (shape->sigma) {
+        nn_value doubt = in->sigma;
+        doubt = shape->balance ? nn_mul(g, doubt, nn_slice(g, in->balance, NN_AXIS_C, 1, 8, 2)) : doubt;
+        doubt = nn_repeat(g, nn_pow(g, doubt, 0.25), NN_AXIS_N, models_views(shape));
+        const nn_value u = unlike(g, nn_slice(g, moved, NN_AXIS_C, 1, 8, 2), flow_others, in->sigma);
+        shown = nn_concat(g, NN_AXIS_C, 3, (nn_value[]){shown, doubt, u});
+    }
+    const nn_value packed = unshuffle(g, shown, by);
     /* Linear as published; blends are made under the gamma curve. */
     const nn_value reference = balanced(g, shape, in, nn_slice(g, in->frames, NN_AXIS_N, 0, 1, 1));
     const nn_value first = nn_slice(g, reference, NN_AXIS_C, shape->blend ? 1 : 0, 8, 2);
@@ -169,7 +222,7 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
     f = shape->mscam ? models_mscam(g, shape, f, in) : f;
     f = models_residual_blocks(g, "reconstruction", aggregate(g, shape, f), c, shape->reconstruct);
 
-    const int result = shape->blend ? 4 * models_views(shape) + 4 : 4;
+    const int result = shape->blend ? 4 * models_views(shape) + (shape->sigma ? 0 : 4) : 4;
     f = nn_conv2d(g, nn_cast(g, unshuffle(g, first, by), nn_graph_type(g)),
                   &(nn_conv){.name = "skipup1.upsample_conv", .out = c, .kernel = 3, .pad = 1, .residual = f,
                              .init = NN_INIT_HE_FAN_IN});
@@ -181,6 +234,9 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
     f = nn_cast(g, by == 1 ? f : nn_pixel_shuffle(g, f, by), exact);
     if (!shape->blend) {
         return shape->balance ? nn_div(g, f, nn_slice(g, in->balance, NN_AXIS_C, 0, 8, 2)) : f;
+    }
+    if (shape->sigma) {
+        return blend_doubt(g, f, moved, flow_others, in);
     }
     return blend(g, shape, f, shape->groups > 0 ? move(g, in->frames, flow_others) : moved, in);
 }

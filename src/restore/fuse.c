@@ -16,21 +16,47 @@
  * for: at the clipping level, give or take half of it. Shorter frames that measured
  * it better overrule that at once; those that flicker wildly, and may have seen
  * nothing at all or a flash, don't.
+ *
+ * A sample of a longer frame that clips says how bright the light is at least. Where
+ * all that shorter ones recorded, and all that lies around it, is darker, they were
+ * exposed while the display was dark, and know nothing.
+ *
+ * The error that is to be expected of the result is that of the mean, and how far the
+ * frames disagree beyond their own errors.
  */
 #include <math.h>
 #include <string.h>
 
 #include "restore/internal.h"
 
+/* How far around a sample light is looked for that may have been misplaced or smeared into it: packed pixels. */
+enum { REACH_X = 8, REACH_Y = 2 };
+/* Less than this share of what a clipped sample says at least contradicts it. */
+static const float missed = 0.8f;
+
+/* Under which networks see light, and errors of it. */
+static const float curve = 1 / 2.2f;
+
 typedef struct fuse_job {
     restore_view *views;
     size_t count, reference;
     const restore_picture *pilot;
-    restore_picture *out, *precision;
+    restore_picture *out, *precision, *sigma; /* sigma: may be NULL */
     uint8_t *doubt;
     v4 *rows;          /* for each worker and view: gains, and light without them */
     double *row_share; /* height*count */
 } fuse_job;
+
+/* The brightest light of the pilot around a pixel. */
+static v4 brightest_near(const restore_picture *pilot, size_t x, size_t y) {
+    const ptrdiff_t width = (ptrdiff_t)pilot->width, height = (ptrdiff_t)pilot->height;
+    v4 most = v4_set(0);
+    for (ptrdiff_t j = (ptrdiff_t)y - REACH_Y; j <= (ptrdiff_t)y + REACH_Y; j++)
+        for (ptrdiff_t i = (ptrdiff_t)x - REACH_X; i <= (ptrdiff_t)x + REACH_X; i++)
+            if (i >= 0 && i < width && j >= 0 && j < height)
+                most = v4_max(most, pilot->at[j * width + i]);
+    return most;
+}
 
 static void fuse_rows(void *arg, size_t begin, size_t end, int worker) {
     const fuse_job *job = arg;
@@ -60,7 +86,7 @@ static void fuse_rows(void *arg, size_t begin, size_t end, int worker) {
             }
             v4 edge = (high - low) * (high - low) * v4_set(0.25f);
             v4 sum = v4_set(0), weight = v4_set(0), w[BRACE_BRACKET_MAX], off[BRACE_BRACKET_MAX];
-            v4 noise[BRACE_BRACKET_MAX];
+            v4 noise[BRACE_BRACKET_MAX], own[BRACE_BRACKET_MAX], least = v4_set(0);
             for (size_t i = 0; i < count; i++) {
                 const restore_view *view = &job->views[i];
                 v4 inverse = v4_set(1) / gains[i * width + x], poor = v4_set(0.02f) * inverse;
@@ -73,6 +99,10 @@ static void fuse_rows(void *arg, size_t begin, size_t end, int worker) {
                 const restore_view *view = &job->views[i];
                 v4 trust = v4_trust(view->trust + 4 * k);
                 v4 variance = noise[i] + w[i] + v4_set(view->blur * view->blur) * edge;
+                own[i] = variance;
+                for (int c = 0; c < 4; c++)
+                    if (trust[c] == 0 && view->exposure > 1 && view->light.at[k][c] * view->exposure > RESTORE_CLIP_HARD)
+                        least[c] = fmaxf(least[c], steady[i * pitch + x + 2][c] / (1 + 3 * sqrtf(off[i][c])));
                 if (i != job->reference) {
                     v4 d = v4_set(0), each = v4_set(0);
                     for (size_t j = 0; j < 5; j++) {
@@ -90,7 +120,7 @@ static void fuse_rows(void *arg, size_t begin, size_t end, int worker) {
                 sum += w[i] * steady[i * pitch + x + 2];
                 weight += w[i];
             }
-            v4 value, precision;
+            v4 value, precision, variance;
             float doubt = 0;
             for (int c = 0; c < 4; c++) {
                 bool known = weight[c] > 0;
@@ -110,19 +140,43 @@ static void fuse_rows(void *arg, size_t begin, size_t end, int worker) {
                     banding += part * part * off[i][c];
                 }
                 doubt = fmaxf(doubt, known ? banding : 0);
+                float unlike = 0, all = 0;
+                for (size_t i = 0; i < count && known; i++) {
+                    const float d = steady[i * pitch + x + 2][c] - value[c];
+                    const float part = (float)job->views[i].trust[4 * k + (size_t)c] / own[i][c];
+                    unlike += part * fmaxf(d * d - 2 * own[i][c], 0); /* 2: this frame's error and the mean's */
+                    all += part;
+                }
+                variance[c] = 1 / precision[c] + (all > 0 ? unlike / all : 0);
+            }
+            bool dark = false;
+            for (int c = 0; c < 4; c++)
+                dark = dark || value[c] < missed * least[c];
+            if (dark) {
+                const v4 near = brightest_near(job->pilot, x, y);
+                for (int c = 0; c < 4; c++)
+                    if (near[c] < missed * least[c] && value[c] < least[c]) {
+                        value[c] = least[c];
+                        variance[c] = fmaxf(variance[c], least[c] * least[c]);
+                        precision[c] = 1 / variance[c];
+                    }
             }
             doubt = sqrtf(doubt) / RESTORE_DOUBT;
             job->doubt[k] = (uint8_t)(doubt < 255 ? doubt : 255);
             job->out->at[k] = value;
             job->precision->at[k] = precision;
+            for (int c = 0; c < 4 && job->sigma != NULL; c++) {
+                const float v = fmaxf(value[c], 0);
+                job->sigma->at[k][c] = fmaxf(RESTORE_SIGMA_LEAST, fminf(powf(v + sqrtf(variance[c]), curve) - powf(v, curve), 1));
+            }
         }
         memcpy(job->row_share + y * count, share, count * sizeof(double));
     }
 }
 
 brace_status restore_fuse(restore_view *views, size_t count, size_t reference, const restore_picture *pilot,
-                          restore_picture *out, restore_picture *precision, uint8_t *doubt, core_pool *pool,
-                          brace_error *error) {
+                          restore_picture *out, restore_picture *precision, restore_picture *sigma,
+                          uint8_t *doubt, core_pool *pool, brace_error *error) {
     const size_t width = out->width, height = out->height;
     size_t workers = (size_t)core_pool_threads(pool);
     fuse_job job = {views,
@@ -131,6 +185,7 @@ brace_status restore_fuse(restore_view *views, size_t count, size_t reference, c
                     pilot,
                     out,
                     precision,
+                    sigma,
                     doubt,
                     core_alloc(workers * count * (2 * width + 4), sizeof(v4)),
                     core_alloc(height * count, sizeof(double))};

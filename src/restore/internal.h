@@ -108,13 +108,14 @@ void restore_view_gain_row(const restore_view *view, size_t y, v4 *row);
 brace_status restore_light(restore_view *views, size_t count, restore_picture *sum, restore_picture *weight,
                            core_pool *pool, brace_error *error);
 
-/* fuse.c: the weighted mean of all views. `precision` receives the
- * inverse of its expected variance; `doubt`, one byte a pixel, the relative deviation that unexplained
- * banding leaves in it, in units of RESTORE_DOUBT. */
+/* fuse.c: the weighted mean of all views. `precision` receives the sum of the weights; `sigma`, which may be NULL, the
+ * error that is to be expected under the curve x^(1/2.2), RESTORE_SIGMA_LEAST to 1; `doubt`, one byte a pixel, the relative deviation that
+ * unexplained banding leaves in it, in units of RESTORE_DOUBT. */
 #define RESTORE_DOUBT (1.0f / 256.0f)
+#define RESTORE_SIGMA_LEAST 0.0005f
 brace_status restore_fuse(restore_view *views, size_t count, size_t reference, const restore_picture *pilot,
-                          restore_picture *out, restore_picture *precision, uint8_t *doubt, core_pool *pool,
-                          brace_error *error);
+                          restore_picture *out, restore_picture *precision, restore_picture *sigma,
+                          uint8_t *doubt, core_pool *pool, brace_error *error);
 
 /* smooth.c: where doubt is large, borrows from pixels nearby that agree within
  * their errors. In place; `scratch` is overwritten. */
@@ -122,8 +123,9 @@ void restore_smooth(restore_picture *picture, restore_picture *scratch, const re
                     const uint8_t *doubt, core_pool *pool);
 
 /* restore.c: merging, into a mosaic normalised to the reference's [black, white]. `motion` of each frame; NULL: the camera
- * stood still. Adds to the report what it measured. */
-brace_status restore_merge(float *mosaic, brace_restore_report *report, const brace_bracket *bracket,
+ * stood still. `sigma`: the error that is to be expected of each sample, as of restore_fuse, in
+ * the mosaic's order; may be NULL. Adds to the report what it measured. */
+brace_status restore_merge(float *mosaic, float *sigma, brace_restore_report *report, const brace_bracket *bracket,
                            const restore_motion *motion, const brace_job *job, core_pool *pool, brace_error *error);
 
 static inline v4 v4_set(float x) {

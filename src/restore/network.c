@@ -153,7 +153,8 @@ static void join_rows(void *arg, size_t begin, size_t end, int worker) {
 
 typedef struct work {
     const restore_motion *motion;
-    float *guide;
+    float *guide; /* and its errors behind it, if the network is shown them */
+    const float *sigma;
     restore_tiles tiles;
     float share[2][RESTORE_TILE_MOST]; /* along x and y */
     uint32_t bad[256];
@@ -162,7 +163,7 @@ typedef struct work {
 static brace_status one_tile(work *w, restore_network *n, const brace_bracket *b, brace_restored *out, int column,
                              int row, core_pool *pool, brace_error *error) {
     const restore_tiles *t = &w->tiles;
-    const restore_tile tile = {.bracket = b, .motion = w->motion, .guide = w->guide,
+    const restore_tile tile = {.bracket = b, .motion = w->motion, .guide = w->guide, .sigma = w->sigma,
                                .x = restore_tile_begin(t->width, t->across, t->columns, column),
                                .y = restore_tile_begin(t->height, t->down, t->rows, row)};
     brace_status status = restore_network_show(n, &tile, pool, error);
@@ -196,8 +197,10 @@ brace_status restore_network_run(brace_restored *out, restore_network *n, const 
     brace_status status = BRACE_OK;
     if (n->shape.guide) {
         const size_t count = (size_t)reference->width * reference->height;
-        w->guide = core_alloc(count, sizeof *w->guide);
-        status = w->guide != NULL ? restore_merge(w->guide, report, b, motion, job, pool, error)
+        w->guide = core_alloc(n->shape.sigma ? 2 * count : count, sizeof *w->guide);
+        float *sigma = w->guide != NULL && n->shape.sigma ? w->guide + count : NULL;
+        w->sigma = sigma;
+        status = w->guide != NULL ? restore_merge(w->guide, sigma, report, b, motion, job, pool, error)
                                   : core_fail_memory(error, count * sizeof *w->guide, "the merged picture");
     }
     const double start = core_seconds();

@@ -46,6 +46,7 @@ typedef struct restore_tiles {
 
 enum {
     RESTORE_TILE_STEP = 8,     /* networks halve the resolution up to three times */
+    RESTORE_TILE_GRID = 4,     /* they join up to 4 x 4 pixels, the same ones whatever the tile */
     RESTORE_TILE_LEAST = 64,   /* the smallest side of a tile, unless the picture is smaller, */
     RESTORE_TILE_MOST = 512,   /* and the largest: overlaps are an eighth of the work then */
     RESTORE_TILE_OVERLAP = 32, /* at least, from tile to tile, */
@@ -55,7 +56,8 @@ enum {
 /* Tiles no larger than `side` that cover a picture, as alike in size as can be. A picture that is smaller than a tile
  * has one, which is larger than the picture. */
 restore_tiles restore_tiles_fit(int width, int height, int side);
-/* Where tile k of `count` begins along an axis of `length` with tiles of `tile`. */
+/* Where tile k of `count` begins along an axis of `length` with tiles of `tile`: on the grid; the last one may end
+ * beyond the picture. */
 int restore_tile_begin(int length, int tile, int count, int k);
 /* The tile's share of the result at each of its `tile` pixels: all tiles' shares add up to 1. */
 void restore_tile_share(float *share, int length, int tile, int count, int k);
@@ -65,7 +67,7 @@ void restore_tile_share(float *share, int length, int tile, int count, int k);
 typedef struct restore_tile {
     const brace_bracket *bracket;
     const restore_motion *motion; /* of each frame */
-    const float *guide;           /* the merged mosaic; NULL: the network has no use for it */
+    const float *guide, *sigma;   /* the merged mosaic and its errors; NULL: the network has no use for them */
     int x, y;                     /* of the picture, packed */
 } restore_tile;
 

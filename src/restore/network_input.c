@@ -158,6 +158,28 @@ static brace_status show_balance(restore_network *n, const restore_tile *tile, b
     return status;
 }
 
+typedef struct shown_sigma {
+    const restore_tile *tile;
+    view v;
+    float *to;
+    int width;
+} shown_sigma;
+
+static void sigma_rows(void *arg, size_t begin, size_t end, int worker) {
+    (void)worker;
+    const shown_sigma *s = arg;
+    for (size_t y = begin; y < end; y++) {
+        read_row(s->to + 4 * (size_t)s->width * y, &s->v, s->tile->x, s->tile->y + (int64_t)y, s->width);
+    }
+}
+
+static void show_sigma(restore_network *n, const restore_tile *tile, core_pool *pool) {
+    const nn_shape shape = nn_shape_of(n->graph, n->inputs.sigma);
+    shown_sigma s = {.tile = tile, .v = view_of(tile, 0), .to = nn_data(n->graph, n->inputs.sigma), .width = shape.w};
+    s.v.light = tile->sigma;
+    core_parallel(pool, (size_t)shape.h, 8, sigma_rows, &s);
+}
+
 brace_status restore_network_show(restore_network *n, const restore_tile *tile, core_pool *pool, brace_error *error) {
     const nn_shape shape = nn_shape_of(n->graph, n->inputs.frames);
     const size_t pixels = (size_t)shape.h * (size_t)shape.w;
@@ -166,6 +188,9 @@ brace_status restore_network_show(restore_network *n, const restore_tile *tile, 
         return core_fail_memory(error, (size_t)shape.w * 16, "a tile");
     }
     brace_status status = n->shape.balance ? show_balance(n, tile, error) : BRACE_OK;
+    if (n->shape.sigma) {
+        show_sigma(n, tile, pool);
+    }
     for (int i = 0; i < shape.n && status == BRACE_OK; i++) {
         static const restore_motion none = {.confidence = 1};
         const bool guide = (size_t)i == tile->bracket->count; /* lies as the reference does, as far as any frame reaches */

@@ -37,7 +37,7 @@ void brace_restored_destroy(brace_restored *restored) {
 typedef struct merge_state {
     size_t count, made;
     restore_view view[BRACE_BRACKET_MAX];
-    restore_picture packed, sum, weight, precision;
+    restore_picture packed, sum, weight, precision, sigma;
     uint8_t *doubt;
 } merge_state;
 
@@ -56,12 +56,8 @@ static brace_status merge_views(merge_state *s, const brace_bracket *bracket, co
         if (status)
             return status;
         s->made = i + 1;
-        /* A longer frame that clips nearly everywhere may not be found; it would mislead all shorter ones.
-         * A shorter one that is too dark to be found is taken where it was shot, for its highlights. */
-        if (confidence < RESTORE_FOUND && exposure > 1)
-            memset(s->view[i].trust, 0, 4 * s->packed.width * s->packed.height);
-        /* Longer frames blur more under a hand's tremor; a frame that hardly
-         * correlates may lie a pixel off. */
+        /* Longer frames blur more under a hand's tremor. A frame that hardly correlates with the others, because it is
+         * dark or clips, is taken where it was shot, and may lie a pixel off: it counts where light does not change. */
         const double lost = 1 - confidence;
         s->view[i].blur = still ? 0 : (float)(0.4 * pow(fmax(exposure, 1), 0.15) + lost * lost);
     }
@@ -106,7 +102,7 @@ static void box_rows(void *arg, size_t begin, size_t end, int worker) {
     }
 }
 
-brace_status restore_merge(float *mosaic, brace_restore_report *report, const brace_bracket *bracket,
+brace_status restore_merge(float *mosaic, float *sigma, brace_restore_report *report, const brace_bracket *bracket,
                            const restore_motion *motion, const brace_job *job, core_pool *pool, brace_error *error) {
     const brace_frame *reference = bracket->frames[bracket->reference];
     const size_t width = (reference->width + 1) / 2, height = (reference->height + 1) / 2;
@@ -144,6 +140,8 @@ brace_status restore_merge(float *mosaic, brace_restore_report *report, const br
     pilot.out = &s.weight;
     core_parallel(pool, height, 16, box_rows, &pilot);
     status = restore_picture_create(&s.precision, width, height, "the merged picture's precision", error);
+    if (!status && sigma != NULL)
+        status = restore_picture_create(&s.sigma, width, height, "the merged picture's errors", error);
     if (status)
         goto done;
     s.doubt = core_alloc(width * height, 1);
@@ -151,7 +149,8 @@ brace_status restore_merge(float *mosaic, brace_restore_report *report, const br
         status = core_fail_memory(error, width * height, "the merged picture's precision");
         goto done;
     }
-    status = restore_fuse(s.view, s.count, bracket->reference, &s.weight, &s.sum, &s.precision, s.doubt, pool, error);
+    status = restore_fuse(s.view, s.count, bracket->reference, &s.weight, &s.sum, &s.precision,
+                          sigma != NULL ? &s.sigma : NULL, s.doubt, pool, error);
     if (status)
         goto done;
     for (size_t i = 0; i < s.count; i++) {
@@ -165,13 +164,15 @@ brace_status restore_merge(float *mosaic, brace_restore_report *report, const br
     restore_smooth(&s.sum, &s.weight, &s.precision, s.doubt, pool);
     restore_picture_free(&s.precision);
     restore_unpack(mosaic, reference, &s.sum, pool);
+    if (sigma != NULL)
+        restore_unpack(sigma, reference, &s.sigma, pool);
     core_progress(job, "fusing", 2, 2);
     report->seconds_fuse = core_seconds() - start;
 done:
     for (size_t i = 0; i < s.count; i++)
         restore_view_free(&s.view[i]);
     restore_picture_free(&s.packed), restore_picture_free(&s.sum);
-    restore_picture_free(&s.weight), restore_picture_free(&s.precision);
+    restore_picture_free(&s.weight), restore_picture_free(&s.precision), restore_picture_free(&s.sigma);
     core_free(s.doubt);
     return status;
 }
@@ -189,7 +190,7 @@ static brace_status find_motions(restore_motion *motion, brace_restore_report *r
                                           bracket->reference, pool, job, error);
     for (size_t i = 0; i < bracket->count && !status; i++) {
         report->motion[i] = restore_motion_report(&motion[i], (bracket->frames[i]->width + 1) / 2);
-        if (motion[i].confidence < RESTORE_FOUND && bracket->exposure[i] > 1)
+        if (motion[i].confidence < RESTORE_FOUND)
             report->motion[i].confidence = 0;
     }
     report->seconds_align = core_seconds() - start;
@@ -276,7 +277,7 @@ brace_status brace_restore(brace_restored **out, const brace_bracket *bracket, c
             status = find_motions(motion, &r->report, bracket, params, job, pool, error);
             if (!status)
                 status = network ? restore_network_run(r, network, bracket, motion, params, job, pool, error)
-                                 : restore_merge(r->mosaic, &r->report, bracket, motion, job, pool, error);
+                                 : restore_merge(r->mosaic, NULL, &r->report, bracket, motion, job, pool, error);
             if (!status)
                 raw_quantise(r->frame, r->mosaic, pool);
         }

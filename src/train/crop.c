@@ -32,30 +32,46 @@ train_window train_window_draw(core_random *random, const train_bracket *bracket
     return out;
 }
 
+/* Where in the mosaic sample (x, y) of the crop lies. */
+typedef struct place {
+    size_t x, y;
+} place;
+
+static place place_of(const train_window *w, ptrdiff_t x, ptrdiff_t y) {
+    const ptrdiff_t right = w->transpose ? y : x, down = w->transpose ? x : y;
+    return (place){(size_t)((ptrdiff_t)w->x0 + (w->flip_x ? -right : right)),
+                   (size_t)((ptrdiff_t)w->y0 + (w->flip_y ? -down : down))};
+}
+
 void train_crop(float *out, const train_view *view, uint32_t width, const train_window *window, int side) {
-    const ptrdiff_t dx = window->flip_x ? -1 : 1, dy = window->flip_y ? -1 : 1;
     float scale[4];
     for (int i = 0; i < 4; i++) {
         scale[i] = view->gain / (view->white - view->black[i]);
     }
     for (ptrdiff_t y = 0; y < 2 * side; y++) {
         for (ptrdiff_t x = 0; x < 2 * side; x++) {
-            const size_t sx = (size_t)((ptrdiff_t)window->x0 + dx * (window->transpose ? y : x));
-            const size_t sy = (size_t)((ptrdiff_t)window->y0 + dy * (window->transpose ? x : y));
-            const size_t site = (sy & 1) * 2 + (sx & 1);
+            const place at = place_of(window, x, y);
+            const size_t site = (at.y & 1) * 2 + (at.x & 1);
             out[((y / 2) * side + x / 2) * 4 + (y & 1) * 2 + (x & 1)] =
-                ((float)view->data[sy * width + sx] - view->black[site]) * scale[site];
+                ((float)view->data[at.y * width + at.x] - view->black[site]) * scale[site];
         }
     }
 }
 
 void train_crop_guide(float *out, const uint16_t *guide, uint32_t width, const train_window *window, int side) {
-    const ptrdiff_t dx = window->flip_x ? -1 : 1, dy = window->flip_y ? -1 : 1;
     for (ptrdiff_t y = 0; y < 2 * side; y++) {
         for (ptrdiff_t x = 0; x < 2 * side; x++) {
-            const size_t sx = (size_t)((ptrdiff_t)window->x0 + dx * (window->transpose ? y : x));
-            const size_t sy = (size_t)((ptrdiff_t)window->y0 + dy * (window->transpose ? x : y));
-            out[((y / 2) * side + x / 2) * 4 + (y & 1) * 2 + (x & 1)] = train_guide_light(guide[sy * width + sx]);
+            const place at = place_of(window, x, y);
+            out[((y / 2) * side + x / 2) * 4 + (y & 1) * 2 + (x & 1)] = train_guide_light(guide[at.y * width + at.x]);
+        }
+    }
+}
+
+void train_crop_sigma(float *out, const uint8_t *sigma, uint32_t width, const train_window *window, int side) {
+    for (ptrdiff_t y = 0; y < 2 * side; y++) {
+        for (ptrdiff_t x = 0; x < 2 * side; x++) {
+            const place at = place_of(window, x, y);
+            out[((y / 2) * side + x / 2) * 4 + (y & 1) * 2 + (x & 1)] = train_sigma_value(sigma[at.y * width + at.x]);
         }
     }
 }

@@ -11,7 +11,7 @@
 #include "train/beside.h"
 #include "train/motions.h"
 
-static const char file_format[] = "brace guides 1";
+static const char file_format[] = "brace guides 2", sigma_name[] = "sigma";
 
 struct train_guides {
     core_safetensors *file; /* NULL: none */
@@ -44,15 +44,25 @@ void train_guides_close(train_guides *g) {
     }
 }
 
-const uint16_t *train_guides_get(const train_guides *g, const char *split, const char *name, uint32_t width,
-                                 uint32_t height) {
-    char *full = g->file != NULL ? dataset_path(split, name) : NULL;
-    const core_tensor *t = full != NULL ? core_safetensors_find(g->file, full) : NULL;
-    core_free(full);
-    return t != NULL && t->dtype == CORE_U16 && t->rank == 2 && t->shape[0] == height && t->shape[1] == width &&
-                   (uintptr_t)t->data % 2 == 0
+/* NULL: it is not there, or not of this size. */
+static const void *plane(const train_guides *g, const char *name, const train_bracket *b, core_dtype type) {
+    const core_tensor *t = core_safetensors_find(g->file, name);
+    return t != NULL && t->dtype == type && t->rank == 2 && t->shape[0] == b->height && t->shape[1] == b->width &&
+                   (type != CORE_U16 || (uintptr_t)t->data % 2 == 0)
                ? t->data
                : NULL;
+}
+
+void train_guides_get(const train_guides *g, train_bracket *b, const char *split, const char *name) {
+    char *full = g->file != NULL ? dataset_path(split, name) : NULL;
+    char *errors = full != NULL ? dataset_path(full, sigma_name) : NULL;
+    b->guide = errors != NULL ? plane(g, full, b, CORE_U16) : NULL;
+    b->sigma = errors != NULL ? plane(g, errors, b, CORE_U8) : NULL;
+    if (b->guide == NULL || b->sigma == NULL) {
+        b->guide = NULL, b->sigma = NULL;
+    }
+    core_free(errors);
+    core_free(full);
 }
 
 /* ---- all of a set ---- */
@@ -63,29 +73,36 @@ typedef struct make_run {
     train_motions *motions;
     const volatile int *cancel;
     size_t first;
-    uint16_t *guide[AT_ONCE];
+    uint16_t *guide[AT_ONCE]; /* and the errors behind it */
 } make_run;
 
 static brace_status merge_one(void *user, train_bracket *b, size_t index, brace_error *error) {
     make_run *r = user;
-    const size_t bytes = (size_t)b->width * b->height * sizeof **r->guide;
+    const size_t pixels = (size_t)b->width * b->height, bytes = pixels * (sizeof **r->guide + 1);
     const brace_status status = train_motions_get(r->motions, b, index, r->cancel, error);
     if (status != BRACE_OK) {
         return status;
     }
     uint16_t *guide = r->guide[index - r->first] = core_alloc(bytes, 1);
-    return guide != NULL ? train_bracket_merge(b, guide, r->cancel, error)
+    return guide != NULL ? train_bracket_merge(b, guide, (uint8_t *)(guide + pixels), r->cancel, error)
                          : core_fail_memory(error, bytes, "a merged picture");
 }
 
 static brace_status add(const train_beside *of, size_t index, const uint16_t *guide, brace_error *error) {
     const train_bracket *b = train_packed_at(of->packed, index);
     char *full = dataset_path(of->split, train_packed_name(of->packed, index));
-    if (full == NULL) {
+    char *errors = full != NULL ? dataset_path(full, sigma_name) : NULL;
+    if (errors == NULL) {
+        core_free(full);
         return core_fail_memory(error, 256, "a name");
     }
-    const core_tensor t = {.name = full, .dtype = CORE_U16, .rank = 2, .shape = {b->height, b->width}, .data = guide};
-    const brace_status status = core_safetensors_add(of->writer, &t, error);
+    core_tensor t = {.name = full, .dtype = CORE_U16, .rank = 2, .shape = {b->height, b->width}, .data = guide};
+    brace_status status = core_safetensors_add(of->writer, &t, error);
+    if (status == BRACE_OK) {
+        t.name = errors, t.dtype = CORE_U8, t.data = guide + (size_t)b->width * b->height;
+        status = core_safetensors_add(of->writer, &t, error);
+    }
+    core_free(errors);
     core_free(full);
     return status;
 }

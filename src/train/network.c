@@ -69,6 +69,7 @@ brace_status train_network_run(train_network *n, const train_sample *sample, dou
     float balance[8];
     models_balance(balance, (const double[3]){sample->gains[0], sample->gains[1], sample->gains[2]});
     fill(g, n->inputs.balance, balance);
+    fill(g, n->inputs.sigma, sample->sigma);
     fill(g, n->loss.truth, sample->truth);
     fill(g, n->loss.gains, sample->gains);
     fill(g, n->loss.matrix, sample->matrix);

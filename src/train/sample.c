@@ -86,8 +86,19 @@ float train_guide_light(uint16_t code) {
     return guide_most * powf((float)code / 65535, 2.2f);
 }
 
-brace_status train_bracket_merge(const train_bracket *b, uint16_t *guide, const volatile int *cancel,
-                                 brace_error *error) {
+static const float sigma_least = RESTORE_SIGMA_LEAST, sigma_step = 0.03f; /* up to 1.05 */
+
+uint8_t train_sigma_code(float sigma) {
+    const float x = sigma > sigma_least ? logf(sigma / sigma_least) / sigma_step + 0.5f : 0;
+    return (uint8_t)(x < 255 ? x : 255);
+}
+
+float train_sigma_value(uint8_t code) {
+    return sigma_least * expf(sigma_step * (float)code);
+}
+
+brace_status train_bracket_merge(const train_bracket *b, uint16_t *guide, uint8_t *sigma,
+                                 const volatile int *cancel, brace_error *error) {
     const size_t pixels = (size_t)b->width * b->height;
     brace_frame *frames[BRACE_BRACKET_MAX];
     double exposure[BRACE_BRACKET_MAX];
@@ -100,14 +111,15 @@ brace_status train_bracket_merge(const train_bracket *b, uint16_t *guide, const 
         frames[i] = (brace_frame *)(uintptr_t)&b->seen[i]; /* only read */
         exposure[i] = b->exposure[i] / b->exposure[b->reference];
     }
-    float *mosaic = core_alloc(pixels, sizeof *mosaic);
+    float *mosaic = core_alloc(2 * pixels, sizeof *mosaic);
     brace_status status = mosaic != NULL ? core_pool_create(&pool, &job, error)
                                          : core_fail_memory(error, pixels * sizeof *mosaic, "the merged picture");
     if (status == BRACE_OK) {
-        status = restore_merge(mosaic, &report, &bracket, b->motion, &job, pool, error);
+        status = restore_merge(mosaic, mosaic + pixels, &report, &bracket, b->motion, &job, pool, error);
     }
     for (size_t i = 0; i < pixels && status == BRACE_OK; i++) {
         guide[i] = train_guide_code(mosaic[i]);
+        sigma[i] = train_sigma_code(mosaic[pixels + i]);
     }
     core_pool_destroy(pool);
     core_free(mosaic);
@@ -120,8 +132,9 @@ brace_status train_sample_create(train_sample *out, int frames, int side, brace_
     out->input = core_calloc((size_t)frames * pixels * 8, sizeof *out->input);
     out->flow = core_calloc((size_t)frames * pixels * 2, sizeof *out->flow);
     out->truth = core_calloc(pixels * 4, sizeof *out->truth);
+    out->sigma = core_calloc(pixels * 4, sizeof *out->sigma);
     brace_status status =
-        out->input != NULL && out->flow != NULL && out->truth != NULL
+        out->input != NULL && out->flow != NULL && out->truth != NULL && out->sigma != NULL
             ? brace_frame_create(&out->look, 2 * (uint32_t)side, 2 * (uint32_t)side, BRACE_CFA_RGGB, error)
             : core_fail_memory(error, (size_t)frames * pixels * 40, "a training sample");
     if (status != BRACE_OK) {
@@ -134,6 +147,7 @@ void train_sample_free(train_sample *sample) {
     core_free(sample->input);
     core_free(sample->flow);
     core_free(sample->truth);
+    core_free(sample->sigma);
     brace_frame_destroy(sample->look);
     *sample = (train_sample){0};
 }
@@ -220,6 +234,7 @@ brace_status train_sample_make(train_sample *out, const train_bracket *b, const 
     }
     if (b->guide != NULL && status == BRACE_OK) {
         train_crop_guide(packed, b->guide, b->width, window, out->side);
+        train_crop_sigma(out->sigma, b->sigma, b->width, window, out->side);
         out->white[b->count] = b->frame[0].gain;
         status = show(out, b->count, packed, false, error);
     }

@@ -28,7 +28,8 @@ typedef struct train_bracket {
     brace_frame seen[BRACE_BRACKET_MAX];       /* the frames; pixels borrowed, no path and no tags */
     restore_motion motion[BRACE_BRACKET_MAX];  /* filled by train_bracket_align */
     bool aligned;
-    const uint16_t *guide; /* width*height: the merged picture as train_guide_code; NULL: none. Borrowed */
+    const uint16_t *guide; /* width*height: the merged picture as train_guide_code; NULL: none. Borrowed, */
+    const uint8_t *sigma;  /* as are the errors that it may have, as train_sigma_code: with a guide, and else NULL */
     double exposure[BRACE_BRACKET_MAX]; /* time times ISO, as recorded */
     double neutral[3], color_matrix[2][9];
     uint16_t illuminant[2];
@@ -40,12 +41,15 @@ brace_status train_bracket_finish(train_bracket *bracket, brace_error *error);
 /* Finds the motions, as a restoration would; by one thread. Samples of an unaligned bracket have no flow. */
 brace_status train_bracket_align(train_bracket *bracket, const volatile int *cancel, brace_error *error);
 
-/* Merges a bracket that is aligned into `guide`, width*height; by one thread. */
-brace_status train_bracket_merge(const train_bracket *bracket, uint16_t *guide, const volatile int *cancel,
-                                 brace_error *error);
+/* Merges a bracket that is aligned into `guide` and `sigma`, width*height each; by one thread. */
+brace_status train_bracket_merge(const train_bracket *bracket, uint16_t *guide, uint8_t *sigma,
+                                 const volatile int *cancel, brace_error *error);
 /* Of light up to 16 times the reference's white, under the curve 1/2.2: fine enough where it is dark. */
 uint16_t train_guide_code(float light);
 float train_guide_light(uint16_t code);
+/* Of errors under that curve, in steps of three percent. */
+uint8_t train_sigma_code(float sigma);
+float train_sigma_value(uint8_t code);
 
 /* Where a crop lies and how it is turned: pixel (x, y) of its mosaic is pixel (x0 ± x, y0 ± y) of the frame's, x and y
  * exchanged first with `transpose`. (x0, y0) is a red pixel: so the crop is RGGB, whatever the frame is, and mirrored
@@ -65,8 +69,9 @@ void train_crop(float *out, const train_view *view, uint32_t width, const train_
 
 enum { TRAIN_VIEWS_MAX = BRACE_BRACKET_MAX + 1 };
 
-/* The same of a merged picture. */
+/* The same of a merged picture, and of its errors. */
 void train_crop_guide(float *out, const uint16_t *guide, uint32_t width, const train_window *window, int side);
+void train_crop_sigma(float *out, const uint8_t *sigma, uint32_t width, const train_window *window, int side);
 
 typedef struct train_sample {
     int frames, side; /* frames: with the guide, if there is one */
@@ -75,6 +80,7 @@ typedef struct train_sample {
                      * others from short to long, then the guide; all at the reference's exposure. gamma: max(x, 0)^(1/2.2) */
     float *flow;    /* [frames][side][side][2]: where a pixel of the reference is found, (dx, dy) in packed pixels */
     float *truth;   /* [side][side][4] */
+    float *sigma;   /* [side][side][4]: the guide's expected error; 0 without one */
     float white[TRAIN_VIEWS_MAX]; /* at which value of the linear input each frame clips */
     float descriptor[TRAIN_VIEWS_MAX][8]; /* of the banding prior of each frame's crop, in the input's order */
     float rho[TRAIN_VIEWS_MAX];

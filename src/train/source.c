@@ -149,9 +149,11 @@ static brace_status crops_of(const train_source *s, train_bracket *bracket, uint
     uint16_t *guide = NULL;
     if (s->params.guide && bracket->guide == NULL) {
         const size_t pixels = (size_t)bracket->width * bracket->height;
-        bracket->guide = guide = core_alloc(pixels, sizeof *guide);
-        status = guide != NULL ? train_bracket_merge(bracket, guide, cancel, error)
-                               : core_fail_memory(error, pixels * sizeof *guide, "a merged picture");
+        guide = core_alloc(pixels, sizeof *guide + 1);
+        uint8_t *sigma = (uint8_t *)(guide + pixels);
+        status = guide != NULL ? train_bracket_merge(bracket, guide, sigma, cancel, error)
+                               : core_fail_memory(error, pixels * (sizeof *guide + 1), "a merged picture");
+        bracket->guide = guide, bracket->sigma = sigma;
     }
     for (int k = 0; k < count && status == BRACE_OK; k++) {
         const uint64_t i = first + (uint64_t)k;
@@ -232,8 +234,7 @@ brace_status train_source_get(const train_source *s, uint64_t first, int count, 
         train_bracket bracket = *train_packed_at(s->packed, index);
         status = p->align ? train_motions_get(s->motions, &bracket, index, cancel, error) : BRACE_OK;
         if (s->guides != NULL) {
-            bracket.guide = train_guides_get(s->guides, p->test ? "test" : "train", train_packed_name(s->packed, index),
-                                             bracket.width, bracket.height);
+            train_guides_get(s->guides, &bracket, p->test ? "test" : "train", train_packed_name(s->packed, index));
         }
         if (status == BRACE_OK) {
             status = crops_of(s, &bracket, first, count, out, cancel, error);

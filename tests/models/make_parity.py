@@ -84,17 +84,17 @@ def run(name, network, inputs, keep):
 
 def small(name, h, w, keep=None, **changes):
     shape = dict(frames=5, channels=16, unshuffle=1, extract=1, frame=1, reconstruct=1, offset=1, groups=2, spynet=False,
-                 blend=False, mscam=False, prior=False, strip=0, balance=False)
+                 blend=False, mscam=False, prior=False, strip=0, balance=False, guide=False, sigma=False)
     shape["global"] = 2
     assert set(changes) <= set(shape)
     shape.update(changes)
-    n = shape["frames"]
+    n = networks.views(shape)
     metadata[name] = json.dumps({"h": h, "w": w, "shape": shape}, sort_keys=True)
     white = tensor("white", (n,), 0.9, 1.5).double()
     run(name, networks.Network(shape),
         [planes("frames", n, h, w, 8, -0.1, 1.1), planes("flow", n, h, w, 2, -3, 3), white,
          tensor("descriptors", (n, 8), -1, 1).double(), tensor("rho", (n,), 0, 1).double(),
-         tensor("balance", (8,), 0.7, 2).double()], keep)
+         tensor("balance", (8,), 0.7, 2).double(), planes("sigma", 1, h, w, 4, 0.01, 0.3)], keep)
 
 
 class Flow(torch.nn.Module):
@@ -111,6 +111,9 @@ small("tmrnet", 24, 20, "tmrnet.pth.gz", spynet=True)
 small("brace", 13, 17, frames=3, mscam=True, prior=True, balance=True)
 small("cells", 10, 18, frames=3, mscam=True, prior=True, strip=4, extract=0, groups=4, offset=2)
 small("blend", 12, 24, mscam=True, prior=True, strip=4, unshuffle=2, groups=0, blend=True, balance=True)
+small("guide", 12, 8, frames=2, unshuffle=2, groups=0, blend=True, guide=True)
+small("sigma", 12, 16, frames=3, mscam=True, strip=4, unshuffle=2, groups=0, blend=True, balance=True, guide=True,
+      sigma=True)
 small("coarse", 16, 12, frames=2, mscam=True, strip=64, unshuffle=2, blend=True)
 small("quarter", 16, 24, frames=4, unshuffle=4, groups=0, blend=True, reconstruct=0, frame=0, **{"global": 0})
 

@@ -85,6 +85,7 @@ void test_fill_inputs(test_network *n) {
     test_fill_value(n->g, n->in.descriptors, "descriptors", -1, 1);
     test_fill_value(n->g, n->in.rho, "rho", 0, 1);
     test_fill_value(n->g, n->in.balance, "balance", 0.7, 2);
+    test_fill_value(n->g, n->in.sigma, "sigma", 0.01, 0.3);
 }
 
 /* Weights as large as they begin, biases up to 0.1, gates up to 0.5: nothing is zero that begins so. */

@@ -162,16 +162,20 @@ class Mscam(nn.Module):
         return out
 
 
+def views(shape):
+    return shape["frames"] + (1 if shape["guide"] else 0)
+
+
 class Network(nn.Module):
     """The family: `shape` is what a weights file says of its network."""
 
     def __init__(self, shape):
         super().__init__()
         self.shape = shape
-        c, by, frames = shape["channels"], shape["unshuffle"], shape["frames"]
+        c, by, frames = shape["channels"], shape["unshuffle"], views(shape)
         if shape["spynet"]:
             self.spynet = Spynet()
-        self.feat_extract = Blocks(8 * by * by, c, shape["extract"])
+        self.feat_extract = Blocks((16 if shape["sigma"] else 8) * by * by, c, shape["extract"])
         if shape["groups"] > 0:
             self.dcn_alignment = Alignment(c, shape["groups"], shape["offset"])
         if shape["mscam"]:
@@ -184,11 +188,13 @@ class Network(nn.Module):
         self.skipup1 = nn.Module()
         self.skipup1.upsample_conv = nn.Conv2d(4 * by * by, c, 3, padding=1)
         self.conv_hr = nn.Conv2d(c, c, 3, padding=1)
-        self.conv_last = nn.Conv2d(c, (4 * frames + 4 if shape["blend"] else 4) * by * by, 3, padding=1)
+        maps = 4 if not shape["blend"] else 4 * frames if shape["sigma"] else 4 * frames + 4
+        self.conv_last = nn.Conv2d(c, maps * by * by, 3, padding=1)
 
-    def forward(self, frames, flow=None, white=None, descriptors=None, rho=None, balance=None):
-        """frames: n x 8 x h x w, flow: n x 2 x h x w, white and rho: n, descriptors: n x 8, balance: 8."""
-        shape, n = self.shape, self.shape["frames"]
+    def forward(self, frames, flow=None, white=None, descriptors=None, rho=None, balance=None, sigma=None):
+        """frames: n x 8 x h x w, flow: n x 2 x h x w, white and rho: n, descriptors: n x 8, balance: 8,
+        sigma: 1 x 4 x h x w."""
+        shape, n = self.shape, views(self.shape)
         by, curved = shape["unshuffle"], frames[:, 1::2]
         balance = (balance if shape["balance"] else torch.ones_like(frames[0, :, 0, 0])).reshape(8, 1, 1)
         seen = frames * balance
@@ -204,7 +210,15 @@ class Network(nn.Module):
             return torch.cat([x[:1], warp(x[1:], flow, "border")])
 
         deform = shape["groups"] > 0
-        f = self.feat_extract(F.pixel_unshuffle(seen if deform else moved(seen), by))
+        shown = seen if deform else moved(seen)
+        if shape["sigma"]:
+            v = moved(curved)
+            d = v - v[n - 1:]
+            inside = torch.ones_like(v[:, :1])
+            inside = torch.cat([inside[:1], warp(inside[1:], flow)])
+            u = d / (64 * sigma ** 2 + d ** 2 + 1e-10).sqrt() * inside
+            shown = torch.cat([shown, ((sigma * balance[1::2]) ** 0.25).repeat(n, 1, 1, 1), u], 1)
+        f = self.feat_extract(F.pixel_unshuffle(shown, by))
         if deform:
             coarse = F.avg_pool2d(flow, by) / by
             f = torch.cat([f[:1], self.dcn_alignment(f[1:], f[:1].repeat(n - 1, 1, 1, 1), coarse)])
@@ -222,8 +236,14 @@ class Network(nn.Module):
         if not shape["blend"]:
             return h / balance[0::2]
         v = moved(curved)
-        maps = h.reshape(n + 1, 4, *h.shape[2:])
-        level = white[1:].reshape(-1, 1, 1, 1) ** (1 / GAMMA)
-        trust = ((0.95 - v[1:] / level) / 0.15).clamp(0, 1)
-        y = v[0] * (1 + maps[0]) + (trust * maps[1:n] * (v[1:] - v[0])).sum(0) + maps[n] / balance[1::2]
+        maps = h.reshape(-1, 4, *h.shape[2:])
+        level = white.reshape(-1, 1, 1, 1) ** (1 / GAMMA)
+        trust = ((0.95 - v / level) / 0.15).clamp(0, 1)
+        if shape["sigma"]:
+            y = v[n - 1] + 8 * sigma[0] * ((trust * u)[:n - 1] * maps[:n - 1]).sum(0) + 4 * sigma[0] * maps[n - 1]
+        else:
+            begin = maps.clone()
+            if shape["guide"]:
+                begin[n - 1] = begin[n - 1] + 1
+            y = v[0] * (1 + maps[0]) + (trust * begin[:n] * (v - v[0]))[1:].sum(0) + maps[n] / balance[1::2]
         return (torch.sign(y) * y.abs() ** GAMMA)[None]

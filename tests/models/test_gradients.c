@@ -109,7 +109,10 @@ static void test_blend(void **state) {
     s.unshuffle = 2;
     s.groups = 0;
     check(&s, 8, 12, 1);
-    s.groups = 4;
+    s.guide = s.sigma = s.balance = true;
+    check(&s, 8, 12, 1);
+    s = tiny();
+    s.blend = true, s.unshuffle = 2;
     check(&s, 8, 6, 1);
 }
 

@@ -27,7 +27,7 @@ static void test_names(void **state) {
         const models_shape *tmrnet = &shapes[2 + i / 2];
         assert_true(bare.mscam && bare.prior);
         bare.mscam = bare.prior = false;
-        bare.strip = 0, bare.guide = false;
+        bare.strip = 0, bare.guide = bare.sigma = false;
         assert_true(bare.balance && tmrnet->balance == (i > 0)); /* published weights know none */
         bare.balance = tmrnet->balance;
         assert_true(models_shape_equal(&bare, tmrnet));
@@ -47,13 +47,13 @@ static const models_shape every = {.frames = 7, .channels = 24, .unshuffle = 4, 
 
 static void test_round_trip(void **state) {
     (void)state;
-    for (int i = 0; i < 64; i++) { /* switches in every combination */
+    for (int i = 0; i < 128; i++) { /* switches in every combination */
         models_shape shape = every, back = {0};
         brace_error error = {0};
         shape.spynet = i & 1, shape.blend = i & 2, shape.mscam = i & 4, shape.prior = i & 8, shape.guide = i & 16,
-        shape.balance = i & 32;
+        shape.balance = i & 32, shape.sigma = i & 64;
         json_t *json = models_shape_json(&shape);
-        assert_int_equal(json_object_size(json), 16);
+        assert_int_equal(json_object_size(json), 17);
         char *text = json_dumps(json, 0);
         test_ok(models_shape_parse(&back, text, "network.json", &error), &error);
         assert_true(models_shape_equal(&shape, &back));
@@ -200,7 +200,10 @@ static void test_wrong_inputs(void **state) {
     s = test_shape();
     s.blend = true;
     cannot(&s, (nn_shape){5, 16, 16, 8}, (nn_shape){5, 16, 16, 2}, "missing"); /* white */
-    s.balance = true;
+    s.guide = s.sigma = true, s.groups = 0;
+    cannot(&s, (nn_shape){6, 16, 16, 8}, (nn_shape){6, 16, 16, 2}, "sigma"); /* is not there */
+    s = test_shape();
+    s.blend = s.balance = true;
     cannot(&s, (nn_shape){5, 16, 16, 8}, (nn_shape){5, 16, 16, 2}, "no white balance");
 }
 
@@ -227,8 +230,9 @@ static void test_cameras(void **state) {
     static const double sensitive[4] = {0.5, 1, 1, 1.3};
     models_shape s = test_shape();
     s.balance = s.mscam = s.prior = true, s.strip = 4;
-    for (int blend = 0; blend < 2; blend++) {
-        s.blend = blend != 0, s.unshuffle = blend ? 2 : 1, s.groups = blend ? 0 : 2;
+    for (int kind = 0; kind < 3; kind++) {
+        const bool blend = kind > 0;
+        s.blend = blend, s.unshuffle = blend ? 2 : 1, s.groups = blend ? 0 : 2, s.guide = s.sigma = kind == 2;
         brace_error error = {0};
         const brace_job job = {.threads = 1};
         test_network n;
@@ -248,6 +252,10 @@ static void test_cameras(void **state) {
         }
         for (size_t i = 0; i < 8; i++) {
             balance[i] /= (float)pow(sensitive[i / 2], i % 2 == 0 ? 1 : 1 / 2.2);
+        }
+        float *sigma = nn_data(n.g, n.in.sigma);
+        for (size_t i = 0; sigma != NULL && i < 16 * 16 * 4; i++) {
+            sigma[i] *= (float)pow(sensitive[i % 4], 1 / 2.2);
         }
         test_ok(nn_forward(n.g, &error), &error);
         double largest = 0;
@@ -320,7 +328,7 @@ static void test_out_of_memory_for_json(void **state) {
     }
     json_set_alloc_funcs(malloc, free);
     assert_true(n > 16);
-    assert_int_equal(json_object_size(json), 16);
+    assert_int_equal(json_object_size(json), 17);
     json_decref(json);
 }
 

@@ -61,6 +61,32 @@ static void test_far(void **state) {
                  0.6);
 }
 
+/* The longest frame clips where the reference has something to tell: it is found by way of the frame between them. */
+static void test_chain(void **state) {
+    (void)state;
+    const scene s = {.width = 320, .height = 256, .level = 0.1, .shift = 2, .seed = 4};
+    brace_bracket *bracket = scene_bracket(&s);
+    brace_frame *reference = bracket->frames[2], *longest = bracket->frames[4];
+    core_random r = core_random_create(7, 0, 0, 0);
+    for (uint32_t y = 0; y < s.height; y++) {
+        for (uint32_t x = 0; x < s.width; x++) {
+            const size_t i = (size_t)y * s.width + x;
+            if (x < s.width / 2)
+                longest->data[i] = (uint16_t)longest->white;
+            else
+                reference->data[i] = (uint16_t)(530 + 5 * core_random_normal(&r));
+        }
+    }
+    brace_restored *restored;
+    brace_error error;
+    assert_int_equal(brace_restore(&restored, bracket, NULL, NULL, &error), BRACE_OK);
+    const brace_motion *m = &restored->report.motion[4];
+    if (!(fabs(m->dx - 4) < 1 && fabs(m->dy - 4) < 1 && m->confidence > RESTORE_FOUND))
+        fail_msg("found (%.2f, %.2f), confidence %.2f", m->dx, m->dy, m->confidence);
+    brace_restored_destroy(restored);
+    brace_bracket_destroy(bracket);
+}
+
 static void test_tripod(void **state) {
     (void)state;
     scene s = {.width = 200, .height = 150, .level = 0.3, .shift = 2, .seed = 4};
@@ -80,6 +106,7 @@ int main(void) {
         cmocka_unit_test(test_steady),
         cmocka_unit_test(test_flicker),
         cmocka_unit_test(test_far),
+        cmocka_unit_test(test_chain),
         cmocka_unit_test(test_tripod),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

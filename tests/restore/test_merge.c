@@ -140,6 +140,63 @@ static void test_highlights(void **state) {
     brace_bracket_destroy(bracket);
 }
 
+/* Merging and the errors that it expects; the share of samples that are off by more than `most` of these. */
+static double unexpected(const scene *s, double most, float **mosaic, double *median) {
+    brace_bracket *b = scene_bracket(s);
+    const size_t count = (size_t)s->width * s->height;
+    float *merged = malloc(count * sizeof *merged), *sigma = malloc(count * sizeof *sigma);
+    restore_motion still[BRACE_BRACKET_MAX] = {{.confidence = 1}, {.confidence = 1}, {.confidence = 1},
+                                               {.confidence = 1}, {.confidence = 1}};
+    brace_restore_report report = {0};
+    brace_error error;
+    assert_int_equal(restore_merge(merged, sigma, &report, b, still, NULL, NULL, &error), BRACE_OK);
+    size_t off = 0, histogram[1001] = {0}, at = 0;
+    for (size_t i = 0; i < count; i++) {
+        const double x = (double)(i % s->width), y = (double)(i / s->width);
+        const double truth = scene_light(s, x, y, brace_cfa_color(s->cfa, (uint32_t)x, (uint32_t)y));
+        const double error_here = pow(fmax((double)merged[i], 0), 1 / 2.2) - pow(truth, 1 / 2.2);
+        assert_true(sigma[i] >= RESTORE_SIGMA_LEAST && sigma[i] <= 1);
+        off += fabs(error_here) > most * (double)sigma[i];
+        histogram[(size_t)(1000 * sigma[i])]++;
+    }
+    for (size_t n = histogram[0]; 2 * n < count; n += histogram[++at])
+        ;
+    *median = (double)at / 1000;
+    *mosaic = merged;
+    free(sigma);
+    brace_bracket_destroy(b);
+    return (double)off / (double)count;
+}
+
+/* Where light is steady errors are small and known; where the display was dark in all frames but one that clips,
+ * that one tells how bright it is at least, and that no more is known. */
+static void test_expected_errors(void **state) {
+    (void)state;
+    float *mosaic;
+    double median;
+    const scene steady = {.width = 256, .height = 192, .level = 0.4, .seed = 21};
+    double off = unexpected(&steady, 4, &mosaic, &median);
+    print_message("steady: %.4f beyond 4 sigma, of which half are below %.3f\n", off, median);
+    assert_true(off < 0.01 && median < 0.01);
+    free(mosaic);
+    const scene dark = {.width = 256, .height = 384, .level = 0.8, .paper = true, .pulses = 1.6, .duty = 0.2,
+                        .reference = 0.08, .seed = 22};
+    off = unexpected(&dark, 8, &mosaic, &median);
+    size_t page = 0, black = 0;
+    for (uint32_t y = 24; y < dark.height - 24; y++)
+        for (uint32_t x = 24; x < dark.width - 24; x++) {
+            if (scene_light(&dark, x, y, brace_cfa_color(dark.cfa, x, y)) > 0.5) {
+                page++;
+                black += mosaic[y * dark.width + x] < 0.9f / 16;
+            }
+        }
+    print_message("dark: %.4f beyond 8 sigma, of which half are below %.3f; %zu of %zu are darker than can be\n", off,
+                  median, black, page);
+    assert_true(page > 5000 && 7 * black < page);
+    assert_true(off < 0.08 && median > 0.02);
+    free(mosaic);
+}
+
 static void test_reference_is_untouched(void **state) {
     (void)state;
     brace_bracket *bracket = scene_bracket(&(scene){.width = 101, .height = 77, .level = 0.4, .seed = 10});
@@ -283,6 +340,7 @@ int main(void) {
         cmocka_unit_test(test_smeared_long_frames),
         cmocka_unit_test(test_flashes),
         cmocka_unit_test(test_highlights),
+        cmocka_unit_test(test_expected_errors),
         cmocka_unit_test(test_reference_is_untouched),
         cmocka_unit_test(test_threads_do_not_matter),
         cmocka_unit_test(test_odd_and_tiny_sizes),

@@ -282,6 +282,41 @@ static void remove_folder(const char *folder) {
     assert_int_equal(system(command), 0);
 }
 
+/* A packed bracket is merged as its files are, to the byte: all that aligning and merging use was packed. */
+static void check_merged(const char *set, const char *shards) {
+    brace_error error = {0};
+    train_packed *packed;
+    ok(train_packed_open(&packed, shards, "train", 0, &error), &error);
+    for (size_t k = 0; k < train_packed_count(packed); k++) {
+        train_bracket from[2] = {*train_packed_at(packed, k), {.count = 5}};
+        brace_frame *frames[5];
+        for (int i = 0; i < 5; i++) {
+            char path[256];
+            snprintf(path, sizeof path, "%s/%s/frame_%d.dng", set, train_packed_name(packed, k), i + 1);
+            ok(brace_frame_read(&frames[i], path, NULL, &error), &error);
+            train_bracket_set(&from[1], i, frames[i]);
+        }
+        from[1].truth = from[0].truth;
+        ok(train_bracket_finish(&from[1], &error), &error);
+        const size_t pixels = (size_t)from[0].width * from[0].height;
+        uint16_t *guide = calloc(2 * pixels, sizeof *guide);
+        uint8_t *sigma = calloc(2 * pixels, 1);
+        for (int i = 0; i < 2; i++) {
+            ok(train_bracket_align(&from[i], NULL, &error), &error);
+            ok(train_bracket_merge(&from[i], guide + (size_t)i * pixels, sigma + (size_t)i * pixels, NULL, &error), &error);
+        }
+        assert_true(from[0].seen[0].noise[1][0] > 0);
+        assert_memory_equal(guide, guide + pixels, 2 * pixels);
+        assert_memory_equal(sigma, sigma + pixels, pixels);
+        for (int i = 0; i < 5; i++) {
+            brace_frame_destroy(frames[i]);
+        }
+        free(guide);
+        free(sigma);
+    }
+    train_packed_close(packed);
+}
+
 static void test_packed(void **state) {
     (void)state;
     brace_error error = {0};
@@ -298,6 +333,7 @@ static void test_packed(void **state) {
     assert_true(count > 2); /* several shards a split */
     train_source_params p = {.packed = shards, .side = 16, .crops = 2, .mirrored = true, .transposed = true, .seed = 3};
     check_source(&p);
+    check_merged(set, shards);
     train_source *source;
     ok(train_source_create(&source, &p, NULL, &error), &error);
     assert_int_equal(train_source_size(source), 3);
@@ -332,7 +368,7 @@ static void test_damaged(void **state) {
     static const char good[] =
         "{\"cfa\":\"RGGB\",\"black\":[64,64,64,64],\"white\":1023,\"exposure_time\":%s,\"iso\":100,"
         "\"as_shot_neutral\":[0.5,1,0.6],\"color_matrix_1\":[1,0,0,0,1,0,0,0,1],"
-        "\"illuminant_1\":21,\"color_matrix_2\":[0,0,0,0,0,0,0,0,0],\"illuminant_2\":0}";
+        "\"illuminant_1\":21,\"color_matrix_2\":[0,0,0,0,0,0,0,0,0],\"illuminant_2\":0,\"noise\":[1,0,1,0,1,0]}";
     static const struct {
         const char *was, *is;
         uint64_t frames;
@@ -342,6 +378,7 @@ static void test_damaged(void **state) {
                  {"\"white\":1023", "\"white\":12", 3, "no levels"},
                  {"\"iso\":100", "\"iso\":-100", 3, "exposure of frame"},
                  {"[0.5,1,0.6]", "[0.5,1]", 3, "incomplete"},
+                 {"[1,0,1,0,1,0]", "[1,0,1,0,1]", 3, "incomplete"},
                  {"\"white\":1023", "\"white\":\"x\"", 3, "no levels"},
                  {"", "", 2, "not those of a bracket"}};
     char folder[] = "/tmp/brace-train-XXXXXX", path[64];
