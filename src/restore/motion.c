@@ -45,38 +45,84 @@ brace_motion restore_motion_report(const restore_motion *m, size_t width) {
                           .confidence = m->confidence};
 }
 
+/* Of two small motions one after the other: their sum. The confidence is the lesser one. */
+static restore_motion joined(const restore_motion *first, const restore_motion *then) {
+    restore_motion out = first->columns > 0 ? *first : *then;
+    for (int k = 0; k < 6; k++) {
+        out.a[k] = first->a[k] + then->a[k];
+    }
+    for (int k = 0; first->columns > 0 && then->columns > 0 && k < out.columns * out.rows; k++) {
+        out.dx[k] += then->dx[k], out.dy[k] += then->dy[k]; /* frames have one size, and so one grid */
+    }
+    out.confidence = fmin(first->confidence, then->confidence);
+    return out;
+}
+
+typedef struct motions_run {
+    const brace_frame *const *frames;
+    restore_picture packed;
+    restore_pyramid *first; /* the reference's */
+    restore_motion *out;
+    core_pool *pool;
+} motions_run;
+
+/* Frame i on the reference or, if it is not found there, on the frame before it, which lies between the two in exposure
+ * and is left in *before: a reference with little light may share hardly anything but noise with a long frame. */
+static brace_status find(motions_run *r, size_t i, restore_pyramid **before, const restore_motion *its,
+                         brace_error *error) {
+    restore_pyramid *moved = NULL;
+    restore_pack(&r->packed, r->frames[i], r->pool);
+    brace_status status = restore_pyramid_create(&moved, &r->packed, r->frames[i], r->pool, error);
+    if (status != BRACE_OK) {
+        return status;
+    }
+    restore_align(&r->out[i], r->first, moved, r->pool);
+    if (r->out[i].confidence < RESTORE_FOUND && *before != NULL) {
+        restore_motion then;
+        restore_align(&then, *before, moved, r->pool);
+        then = joined(its, &then);
+        if (then.confidence > r->out[i].confidence) {
+            r->out[i] = then;
+        }
+    }
+    if (r->out[i].confidence < RESTORE_FOUND) {
+        r->out[i] = (restore_motion){.confidence = r->out[i].confidence};
+    }
+    restore_pyramid_destroy(*before);
+    *before = moved;
+    return BRACE_OK;
+}
+
 brace_status restore_motions(restore_motion *out, const brace_frame *const *frames, size_t count, size_t reference,
                              core_pool *pool, const brace_job *job, brace_error *error) {
-    restore_pyramid *first = NULL;
-    restore_picture packed = {0};
-    brace_status status = restore_picture_create(&packed, (frames[0]->width + 1) / 2, (frames[0]->height + 1) / 2,
+    motions_run r = {.frames = frames, .out = out, .pool = pool};
+    restore_pyramid *before = NULL;
+    brace_status status = restore_picture_create(&r.packed, (frames[0]->width + 1) / 2, (frames[0]->height + 1) / 2,
                                                  "aligning the frames", error);
     if (status == BRACE_OK) {
-        restore_pack(&packed, frames[reference], pool);
-        status = restore_pyramid_create(&first, &packed, frames[reference], pool, error);
+        restore_pack(&r.packed, frames[reference], pool);
+        status = restore_pyramid_create(&r.first, &r.packed, frames[reference], pool, error);
     }
-    for (size_t i = 0; i < count && status == BRACE_OK; i++) {
-        restore_pyramid *moved = NULL;
-        out[i] = (restore_motion){.confidence = 1};
+    out[reference] = (restore_motion){.confidence = 1};
+    for (size_t done = 1; done < count && status == BRACE_OK; done++) {
+        /* Longer and longer ones, then shorter and shorter ones. */
+        const bool longer = reference + done < count;
+        const size_t i = longer ? reference + done : count - 1 - done;
+        if (i + 1 == reference) {
+            restore_pyramid_destroy(before);
+            before = NULL;
+        }
         status = core_check_cancel(job, error);
-        if (i == reference || status != BRACE_OK) {
-            continue;
-        }
-        core_progress(job, "aligning", i, count);
-        restore_pack(&packed, frames[i], pool);
-        status = restore_pyramid_create(&moved, &packed, frames[i], pool, error);
         if (status == BRACE_OK) {
-            restore_align(&out[i], first, moved, pool);
-            if (out[i].confidence < RESTORE_FOUND) {
-                out[i] = (restore_motion){.confidence = out[i].confidence};
-            }
+            core_progress(job, "aligning", done - 1, count - 1);
+            status = find(&r, i, &before, &out[longer ? i - 1 : i + 1], error);
         }
-        restore_pyramid_destroy(moved);
     }
     if (status == BRACE_OK) {
-        core_progress(job, "aligning", count, count);
+        core_progress(job, "aligning", count - 1, count - 1);
     }
-    restore_pyramid_destroy(first);
-    restore_picture_free(&packed);
+    restore_pyramid_destroy(before);
+    restore_pyramid_destroy(r.first);
+    restore_picture_free(&r.packed);
     return status;
 }
