@@ -20,9 +20,10 @@ static int divide(int length, int side, int *tile) {
         *tile = round_up(length);
         return 1;
     }
-    const int step = side - RESTORE_TILE_OVERLAP;
-    const int count = (length - RESTORE_TILE_OVERLAP + step - 1) / step;
-    *tile = round_up((length + (count - 1) * RESTORE_TILE_OVERLAP + count - 1) / count);
+    const int overlap = RESTORE_TILE_OVERLAP + RESTORE_TILE_GRID; /* of which beginnings on the grid may take a part */
+    const int step = side - overlap;
+    const int count = (length - overlap + step - 1) / step;
+    *tile = round_up((length + (count - 1) * overlap + count - 1) / count);
     return count;
 }
 
@@ -34,7 +35,11 @@ restore_tiles restore_tiles_fit(int width, int height, int side) {
 }
 
 int restore_tile_begin(int length, int tile, int count, int k) {
-    return count > 1 ? (int)((int64_t)(length - tile) * k / (count - 1)) : 0;
+    if (count == 1) {
+        return 0;
+    }
+    const int begin = (int)(((int64_t)(length - tile) * k + count - 2) / (count - 1));
+    return (begin + RESTORE_TILE_GRID - 1) / RESTORE_TILE_GRID * RESTORE_TILE_GRID;
 }
 
 /* How much of what lies between tiles k - 1 and k is the latter's at x: 0, rising to 1. */
