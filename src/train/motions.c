@@ -12,7 +12,7 @@
 #include "sim/dataset.h"
 #include "train/beside.h"
 
-static const char file_format[] = "brace motions 1";
+static const char file_format[] = "brace motions 2";
 
 /* A motion as numbers: affine part, nodes, confidence, displacements. */
 enum { NODES = RESTORE_GRID * RESTORE_GRID, NUMBERS = 9 + 2 * NODES };

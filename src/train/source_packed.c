@@ -71,20 +71,24 @@ static bool numbers(double *out, const json_t *object, const char *key, size_t c
 /* The metadata that dataset_frame_json wrote. */
 static bool frame_of(brace_frame *f, const json_t *json) {
     const char *cfa = json_string_value(json_object_get(json, "cfa"));
-    double black[4];
+    double black[4], noise[6];
     int k = 0;
     for (; cfa != NULL && k < 4 && strcmp(cfa, brace_cfa_name((brace_cfa)k)) != 0; k++) {
     }
     if (cfa == NULL || k == 4 || !numbers(black, json, "black", 4) ||
         !numbers(f->as_shot_neutral, json, "as_shot_neutral", 3) ||
         !numbers(f->color_matrix[0], json, "color_matrix_1", 9) ||
-        !numbers(f->color_matrix[1], json, "color_matrix_2", 9)) {
+        !numbers(f->color_matrix[1], json, "color_matrix_2", 9) || !numbers(noise, json, "noise", 6)) {
         return false;
     }
     f->cfa = (brace_cfa)k;
     for (k = 0; k < 4; k++) {
         f->black[k] = (float)black[k];
     }
+    for (k = 0; k < 6; k++) {
+        f->noise[k / 2][k % 2] = noise[k];
+    }
+    f->has_noise = true; /* a profile, or what the ISO tells: readers always give it */
     f->white = (float)json_number_value(json_object_get(json, "white"));
     f->exposure_time = json_number_value(json_object_get(json, "exposure_time"));
     f->iso = json_number_value(json_object_get(json, "iso"));
