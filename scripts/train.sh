@@ -36,8 +36,8 @@ run() {
     fi
 }
 for model in "${models[@]}"; do
-    for stage in stage1 relative stage2; do
-        [ $stage != relative ] || [ -f "$configs/$model-$stage.json" ] || continue # the large ones have none
+    for stage in stage1 wide stage2; do
+        [ $stage != wide ] || [ -f "$configs/$model-$stage.json" ] || continue # the large ones have none
         run train "$configs/$model-$stage.json" -o "runs/$model-$stage" --resume
     done
 done
