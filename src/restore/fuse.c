@@ -100,8 +100,10 @@ static void fuse_rows(void *arg, size_t begin, size_t end, int worker) {
                 v4 trust = v4_trust(view->trust + 4 * k);
                 v4 variance = noise[i] + w[i] + v4_set(view->blur * view->blur) * edge;
                 own[i] = variance;
-                for (int c = 0; c < 4; c++)
-                    if (trust[c] == 0 && view->exposure > 1 && view->light.at[k][c] * view->exposure > RESTORE_CLIP_HARD)
+                const uint8_t *t = view->trust + 4 * k;
+                const bool clips = view->exposure > 1 && (t[0] == 0 || t[1] == 0 || t[2] == 0 || t[3] == 0);
+                for (int c = 0; c < 4 && clips; c++)
+                    if (trust[c] == 0 && view->light.at[k][c] * view->exposure > RESTORE_CLIP_HARD)
                         least[c] = fmaxf(least[c], steady[i * pitch + x + 2][c] / (1 + 3 * sqrtf(off[i][c])));
                 if (i != job->reference) {
                     v4 d = v4_set(0), each = v4_set(0);
@@ -141,7 +143,7 @@ static void fuse_rows(void *arg, size_t begin, size_t end, int worker) {
                 }
                 doubt = fmaxf(doubt, known ? banding : 0);
                 float unlike = 0, all = 0;
-                for (size_t i = 0; i < count && known; i++) {
+                for (size_t i = 0; i < count && known && job->sigma != NULL; i++) {
                     const float d = steady[i * pitch + x + 2][c] - value[c];
                     const float part = (float)job->views[i].trust[4 * k + (size_t)c] / own[i][c];
                     unlike += part * fmaxf(d * d - 2 * own[i][c], 0); /* 2: this frame's error and the mean's */
@@ -158,7 +160,7 @@ static void fuse_rows(void *arg, size_t begin, size_t end, int worker) {
                     if (near[c] < missed * least[c] && value[c] < least[c]) {
                         value[c] = least[c];
                         variance[c] = fmaxf(variance[c], least[c] * least[c]);
-                        precision[c] = 1 / variance[c];
+                        precision[c] = fminf(precision[c], 1 / (least[c] * least[c]));
                     }
             }
             doubt = sqrtf(doubt) / RESTORE_DOUBT;
