@@ -120,8 +120,8 @@ static nn_value aggregate(nn_graph *g, const models_shape *shape, nn_value featu
 /* How many sigma a frame can move the guide by. */
 static const double reach = 8;
 
-/* u_i of the header, all frames under the gamma curve, moved by the flow, and the guide the last of them; 0 for the guide
- * and for what was moved into the picture from outside. */
+/* u_i of the header, all frames under the gamma curve, moved by the flow, and the guide the last of them; 0 for the
+ * guide and for what was moved into the picture from outside. */
 static nn_value unlike(nn_graph *g, nn_value curved, nn_value flow, nn_value sigma) {
     const int views = nn_shape_of(g, curved).n;
     const nn_value ones = nn_affine(g, nn_slice(g, curved, NN_AXIS_C, 0, 1, 1), 0, 1);

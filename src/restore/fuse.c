@@ -169,7 +169,8 @@ static void fuse_rows(void *arg, size_t begin, size_t end, int worker) {
             job->precision->at[k] = precision;
             for (int c = 0; c < 4 && job->sigma != NULL; c++) {
                 const float v = fmaxf(value[c], 0);
-                job->sigma->at[k][c] = fmaxf(RESTORE_SIGMA_LEAST, fminf(powf(v + sqrtf(variance[c]), curve) - powf(v, curve), 1));
+                const float off_by = powf(v + sqrtf(variance[c]), curve) - powf(v, curve);
+                job->sigma->at[k][c] = fmaxf(RESTORE_SIGMA_LEAST, fminf(off_by, 1));
             }
         }
         memcpy(job->row_share + y * count, share, count * sizeof(double));

@@ -109,8 +109,8 @@ brace_status restore_light(restore_view *views, size_t count, restore_picture *s
                            core_pool *pool, brace_error *error);
 
 /* fuse.c: the weighted mean of all views. `precision` receives the sum of the weights; `sigma`, which may be NULL, the
- * error that is to be expected under the curve x^(1/2.2), RESTORE_SIGMA_LEAST to 1; `doubt`, one byte a pixel, the relative deviation that
- * unexplained banding leaves in it, in units of RESTORE_DOUBT. */
+ * error that is to be expected under the curve x^(1/2.2), RESTORE_SIGMA_LEAST to 1; `doubt`, one byte a pixel, the
+ * relative deviation that unexplained banding leaves in it, in units of RESTORE_DOUBT. */
 #define RESTORE_DOUBT (1.0f / 256.0f)
 #define RESTORE_SIGMA_LEAST 0.0005f
 brace_status restore_fuse(restore_view *views, size_t count, size_t reference, const restore_picture *pilot,

@@ -3,7 +3,8 @@
  * guides.h: the merged pictures of a packed set's brackets, for networks that are shown them. Internal.
  *
  * As with motions (motions.h), `brace dataset pack` makes them once: guides.safetensors has one for each sample, as
- * train_guide_code, and its errors, "NAME/sigma", as train_sigma_code. Without that file brackets are merged each time that they are asked for, which is slow.
+ * train_guide_code, and its errors, "NAME/sigma", as train_sigma_code. Without that file brackets are merged each
+ * time that they are asked for, which is slow.
  */
 #ifndef TRAIN_GUIDES_H
 #define TRAIN_GUIDES_H
