@@ -16,7 +16,8 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import networks  # noqa: E402
 
 SHAPE = {"frames": 5, "channels": 64, "unshuffle": 1, "extract": 5, "global": 16, "frame": 24, "reconstruct": 5,
-         "offset": 3, "groups": 8, "spynet": True, "blend": False, "mscam": False, "prior": False, "strip": 0, "balance": False}
+         "offset": 3, "groups": 8, "spynet": True, "blend": False, "mscam": False, "prior": False, "strip": 0,
+         "balance": False, "guide": False, "sigma": False}
 
 
 def status(key):
