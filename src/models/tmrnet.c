@@ -143,14 +143,14 @@ static nn_value uncurved(nn_graph *g, nn_value y) {
 }
 
 /* y of the header with sigma, from maps {1, h, w, 4 views}: b is the last of them, as the guide has no a. */
-static nn_value blend_doubt(nn_graph *g, nn_value maps, nn_value frames, nn_value flow, const models_inputs *in) {
+static nn_value blend_doubt(nn_graph *g, nn_value maps, nn_value frames, nn_value u, const models_inputs *in) {
     const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2);
     const int last = nn_shape_of(g, frames).n - 1;
-    const nn_value u = nn_mul(g, unlike(g, all, flow, in->sigma), unclipped(g, all, in->white));
+    const nn_value more = nn_mul(g, u, unclipped(g, all, in->white));
     nn_value sum = nn_affine(g, nn_slice(g, maps, NN_AXIS_C, 4 * last, 4 * last + 4, 1), 0.5, 0);
     for (int i = 0; i < last; i++) {
         const nn_value map = nn_slice(g, maps, NN_AXIS_C, 4 * i, 4 * i + 4, 1);
-        sum = nn_add(g, sum, nn_mul(g, nn_slice(g, u, NN_AXIS_N, i, i + 1, 1), map));
+        sum = nn_add(g, sum, nn_mul(g, nn_slice(g, more, NN_AXIS_N, i, i + 1, 1), map));
     }
     const nn_value guide = nn_slice(g, all, NN_AXIS_N, last, last + 1, 1);
     return uncurved(g, nn_add(g, guide, nn_mul(g, sum, nn_affine(g, in->sigma, reach, 0))));
@@ -206,11 +206,12 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
     const nn_value flow_others = shape->spynet ? flow : others(g, flow);
     const nn_value moved = shape->groups > 0 ? in->frames : move(g, in->frames, flow_others);
     nn_value shown = balanced(g, shape, in, moved);
+    nn_value u = 0;
     if (shape->sigma) {
         nn_value doubt = in->sigma;
         doubt = shape->balance ? nn_mul(g, doubt, nn_slice(g, in->balance, NN_AXIS_C, 1, 8, 2)) : doubt;
         doubt = nn_repeat(g, nn_pow(g, doubt, 0.25), NN_AXIS_N, models_views(shape));
-        const nn_value u = unlike(g, nn_slice(g, moved, NN_AXIS_C, 1, 8, 2), flow_others, in->sigma);
+        u = unlike(g, nn_slice(g, moved, NN_AXIS_C, 1, 8, 2), flow_others, in->sigma);
         shown = nn_concat(g, NN_AXIS_C, 3, (nn_value[]){shown, doubt, u});
     }
     const nn_value packed = unshuffle(g, shown, by);
@@ -236,7 +237,7 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
         return shape->balance ? nn_div(g, f, nn_slice(g, in->balance, NN_AXIS_C, 0, 8, 2)) : f;
     }
     if (shape->sigma) {
-        return blend_doubt(g, f, moved, flow_others, in);
+        return blend_doubt(g, f, moved, u, in);
     }
     return blend(g, shape, f, shape->groups > 0 ? move(g, in->frames, flow_others) : moved, in);
 }
