@@ -58,20 +58,14 @@ void train_crop(float *out, const train_view *view, uint32_t width, const train_
     }
 }
 
-void train_crop_guide(float *out, const uint16_t *guide, uint32_t width, const train_window *window, int side) {
+void train_crop_guide(float *light, float *sigma, const train_bracket *b, const train_window *window, int side) {
     for (ptrdiff_t y = 0; y < 2 * side; y++) {
         for (ptrdiff_t x = 0; x < 2 * side; x++) {
             const place at = place_of(window, x, y);
-            out[((y / 2) * side + x / 2) * 4 + (y & 1) * 2 + (x & 1)] = train_guide_light(guide[at.y * width + at.x]);
-        }
-    }
-}
-
-void train_crop_sigma(float *out, const uint8_t *sigma, uint32_t width, const train_window *window, int side) {
-    for (ptrdiff_t y = 0; y < 2 * side; y++) {
-        for (ptrdiff_t x = 0; x < 2 * side; x++) {
-            const place at = place_of(window, x, y);
-            out[((y / 2) * side + x / 2) * 4 + (y & 1) * 2 + (x & 1)] = train_sigma_value(sigma[at.y * width + at.x]);
+            const size_t from = at.y * b->width + at.x;
+            const ptrdiff_t to = ((y / 2) * side + x / 2) * 4 + (y & 1) * 2 + (x & 1);
+            light[to] = train_guide_light(b->guide[from]);
+            sigma[to] = train_sigma_value(b->sigma[from]);
         }
     }
 }

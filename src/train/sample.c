@@ -233,8 +233,7 @@ brace_status train_sample_make(train_sample *out, const train_bracket *b, const 
         status = show(out, at, packed, i == 0, error);
     }
     if (b->guide != NULL && status == BRACE_OK) {
-        train_crop_guide(packed, b->guide, b->width, window, out->side);
-        train_crop_sigma(out->sigma, b->sigma, b->width, window, out->side);
+        train_crop_guide(packed, out->sigma, b, window, out->side);
         out->white[b->count] = b->frame[0].gain;
         status = show(out, b->count, packed, false, error);
     }

@@ -69,9 +69,8 @@ void train_crop(float *out, const train_view *view, uint32_t width, const train_
 
 enum { TRAIN_VIEWS_MAX = BRACE_BRACKET_MAX + 1 };
 
-/* The same of a merged picture, and of its errors. */
-void train_crop_guide(float *out, const uint16_t *guide, uint32_t width, const train_window *window, int side);
-void train_crop_sigma(float *out, const uint8_t *sigma, uint32_t width, const train_window *window, int side);
+/* The same of a bracket's merged picture, and of its errors. */
+void train_crop_guide(float *light, float *sigma, const train_bracket *bracket, const train_window *window, int side);
 
 typedef struct train_sample {
     int frames, side; /* frames: with the guide, if there is one */
