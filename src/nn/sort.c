@@ -3,6 +3,7 @@
  * sort.c: sorts along one dimension, rising, equal numbers in their old order, NaN
  * last. The permutation is kept for the way back. Radix sort of the numbers' bits,
  * eleven at a time; digits that are the same in all numbers cost nothing more.
+ * Floats and their places are sorted together, as numbers of 64 bits.
  */
 #include <string.h>
 
@@ -66,6 +67,62 @@ static item *radix_sort(item *a, item *b, size_t n) {
     return a;
 }
 
+/* ---- floats ---- */
+
+enum { FLOAT_DIGITS = 3 }; /* of 11, 11 and 10 bits, above the 32 of the place */
+
+static uint64_t float_item(float x, uint32_t index) {
+    union {
+        float f;
+        uint32_t u;
+    } v = {x == 0 ? 0 : x}; /* -0 is 0 */
+    const uint32_t key = x != x ? UINT32_MAX : v.u >> 31 != 0 ? ~v.u : v.u | (uint32_t)1 << 31;
+    return (uint64_t)key << 32 | index;
+}
+
+static float float_of(uint64_t sorted) {
+    const uint32_t key = (uint32_t)(sorted >> 32);
+    union {
+        uint32_t u;
+        float f;
+    } v = {key >> 31 != 0 ? key & ~((uint32_t)1 << 31) : ~key};
+    return v.f;
+}
+
+static size_t float_digit(uint64_t key, int digit) {
+    return key >> (32 + digit * BITS) & (DIGITS - 1);
+}
+
+/* As radix_sort. */
+static uint64_t *radix_sort_floats(uint64_t *a, uint64_t *b, size_t n) {
+    uint32_t count[FLOAT_DIGITS][DIGITS] = {{0}};
+    for (size_t i = 0; i < n; i++) {
+        for (int d = 0; d < FLOAT_DIGITS; d++) {
+            count[d][float_digit(a[i], d)]++;
+        }
+    }
+    for (int d = 0; d < FLOAT_DIGITS; d++) {
+        if (count[d][float_digit(a[0], d)] == n) {
+            continue;
+        }
+        uint32_t sum = 0;
+        for (size_t i = 0; i < DIGITS; i++) {
+            const uint32_t c = count[d][i];
+            count[d][i] = sum;
+            sum += c;
+        }
+        for (size_t i = 0; i < n; i++) {
+            b[count[d][float_digit(a[i], d)]++] = a[i];
+        }
+        uint64_t *swap = a;
+        a = b;
+        b = swap;
+    }
+    return a;
+}
+
+/* ---- lines ---- */
+
 typedef struct sort_job {
     nn_call *call;
     size_t n, stride; /* of a line */
@@ -79,27 +136,63 @@ static size_t room(size_t n) {
     return (2 * n * sizeof(item) + 63) / 64 * 64;
 }
 
+static void sort_line(const sort_job *job, size_t start, void *scratch) {
+    const nn_view x = job->call->in[0], y = job->call->out;
+    const double *from = (const double *)x.data + start;
+    double *to = (double *)y.data + start;
+    uint32_t *order = job->call->saved;
+    item *a = scratch, *b = a + job->n;
+    for (size_t i = 0; i < job->n; i++) {
+        a[i] = (item){key_of(from[i * job->stride]), (uint32_t)i};
+    }
+    const item *sorted = radix_sort(a, b, job->n);
+    for (size_t i = 0; i < job->n; i++) {
+        const size_t at = i * job->stride;
+        to[at] = number_of(sorted[i].key);
+        if (order != NULL) {
+            order[start + at] = sorted[i].index;
+        }
+    }
+}
+
+/* One number of a view that is not of doubles. */
+static inline float get(const nn_view *v, size_t at) {
+    return v->type == NN_F32 ? ((const float *)v->data)[at] : nn_from_bf16(((const uint16_t *)v->data)[at]);
+}
+
+static inline void put(const nn_view *v, size_t at, float x) {
+    if (v->type == NN_F32) {
+        ((float *)v->data)[at] = x;
+    } else {
+        ((uint16_t *)v->data)[at] = nn_to_bf16(x);
+    }
+}
+
+static void sort_line_floats(const sort_job *job, size_t start, void *scratch) {
+    const nn_view x = job->call->in[0], y = job->call->out;
+    uint32_t *order = job->call->saved;
+    uint64_t *a = scratch, *b = a + job->n;
+    for (size_t i = 0; i < job->n; i++) {
+        a[i] = float_item(get(&x, start + i * job->stride), (uint32_t)i);
+    }
+    const uint64_t *sorted = radix_sort_floats(a, b, job->n);
+    for (size_t i = 0; i < job->n; i++) {
+        const size_t at = start + i * job->stride;
+        put(&y, at, float_of(sorted[i]));
+        if (order != NULL) {
+            order[at] = (uint32_t)sorted[i];
+        }
+    }
+}
+
 static void forward_lines(void *arg, size_t begin, size_t end, int worker) {
     const sort_job *job = arg;
-    const nn_view x = job->call->in[0], y = job->call->out;
-    const size_t size = nn_type_size(x.type);
-    item *a = (item *)(void *)((unsigned char *)job->call->scratch + (size_t)worker * room(job->n)), *b = a + job->n;
-    uint32_t *order = job->call->saved;
+    void *scratch = (unsigned char *)job->call->scratch + (size_t)worker * room(job->n);
     for (size_t l = begin; l < end; l++) {
-        const size_t start = line_start(job, l);
-        for (size_t i = 0; i < job->n; i++) {
-            double v;
-            nn_load_double(x.type, (const unsigned char *)x.data + (start + i * job->stride) * size, &v, 1);
-            a[i] = (item){key_of(v), (uint32_t)i};
-        }
-        const item *sorted = radix_sort(a, b, job->n);
-        for (size_t i = 0; i < job->n; i++) {
-            const size_t at = start + i * job->stride;
-            const double v = number_of(sorted[i].key);
-            nn_store_double(y.type, &v, (unsigned char *)y.data + at * size, 1, false);
-            if (order != NULL) {
-                order[at] = sorted[i].index;
-            }
+        if (job->call->in[0].type == NN_F64) {
+            sort_line(job, line_start(job, l), scratch);
+        } else {
+            sort_line_floats(job, line_start(job, l), scratch);
         }
     }
 }
@@ -107,16 +200,19 @@ static void forward_lines(void *arg, size_t begin, size_t end, int worker) {
 static void backward_lines(void *arg, size_t begin, size_t end, int worker) {
     const sort_job *job = arg;
     const nn_view g = job->call->dout, d = job->call->din[0];
-    const size_t size = nn_type_size(g.type);
     const uint32_t *order = job->call->saved;
+    const bool add = job->call->add[0];
     (void)worker;
     for (size_t l = begin; l < end; l++) {
         const size_t start = line_start(job, l);
         for (size_t i = 0; i < job->n; i++) {
             const size_t from = start + i * job->stride, to = start + order[from] * job->stride;
-            double v;
-            nn_load_double(g.type, (const unsigned char *)g.data + from * size, &v, 1);
-            nn_store_double(d.type, &v, (unsigned char *)d.data + to * size, 1, job->call->add[0]);
+            if (g.type == NN_F64) {
+                double *sum = (double *)d.data + to;
+                *sum = (add ? *sum : 0) + ((const double *)g.data)[from];
+            } else {
+                put(&d, to, (add ? get(&d, to) : 0) + get(&g, from));
+            }
         }
     }
 }
