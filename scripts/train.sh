@@ -21,7 +21,8 @@ processes=${PROCESSES:-$(nproc)}
 for kind in plain field; do
     [ -d sets/$kind/packed ] && continue
     options=(--screens screens --train 1000 --test 100 --seed 1)
-    [ $kind = plain ] || options=(--screens screens --train 500 --test 100 --seed 2 --field)
+    [ $kind = plain ] ||
+        options=(--screens screens --train 500 --test 100 --seed 2 --field --priors "$here/../data/priors/field.json")
     "$brace" dataset build -o sets/$kind/set "${options[@]}"
     "$brace" dataset pack sets/$kind/set -o sets/$kind/packed.part
     mv sets/$kind/packed.part sets/$kind/packed
@@ -36,8 +37,7 @@ run() {
     fi
 }
 for model in "${models[@]}"; do
-    for stage in stage1 wide stage2; do
-        [ $stage != wide ] || [ -f "$configs/$model-$stage.json" ] || continue # the large ones have none
+    for stage in stage1 stage2; do
         run train "$configs/$model-$stage.json" -o "runs/$model-$stage" --resume
     done
 done
