@@ -22,9 +22,10 @@
  * far as merging doubts:
  *
  *   u_i = (v_i - v_g) / sqrt((8 sigma)^2 + (v_i - v_g)^2)
- *   y = v_g + 8 sigma (sum_i m_i a_i u_i + b / 2)
+ *   y = v_g + 8 sigma (sum_i m_i a_i u_i + b / 2),  i > 0
  *
- * u_i and sigma^(1/4) are shown to the network beside frame i.
+ * u_i and sigma^(1/4) are shown to the network beside frame i. The reference is not listened to: where it is right the
+ * guide is the reference already, and its stripes are what is to be removed.
  */
 #include "models/models.h"
 
@@ -142,13 +143,13 @@ static nn_value uncurved(nn_graph *g, nn_value y) {
     return nn_mul(g, y, nn_pow(g, nn_abs(g, y), gamma_curve - 1));
 }
 
-/* y of the header with sigma, from maps {1, h, w, 4 views}: b is the last of them, as the guide has no a. */
+/* y of the header with sigma, from maps {1, h, w, 4 (views - 1)}: b, then those of the frames but the reference. */
 static nn_value blend_doubt(nn_graph *g, nn_value maps, nn_value frames, nn_value u, const models_inputs *in) {
     const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2);
     const int last = nn_shape_of(g, frames).n - 1;
     const nn_value more = nn_mul(g, u, unclipped(g, all, in->white));
-    nn_value sum = nn_affine(g, nn_slice(g, maps, NN_AXIS_C, 4 * last, 4 * last + 4, 1), 0.5, 0);
-    for (int i = 0; i < last; i++) {
+    nn_value sum = nn_affine(g, nn_slice(g, maps, NN_AXIS_C, 0, 4, 1), 0.5, 0);
+    for (int i = 1; i < last; i++) {
         const nn_value map = nn_slice(g, maps, NN_AXIS_C, 4 * i, 4 * i + 4, 1);
         sum = nn_add(g, sum, nn_mul(g, nn_slice(g, more, NN_AXIS_N, i, i + 1, 1), map));
     }
@@ -223,7 +224,7 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
     f = shape->mscam ? models_mscam(g, shape, f, in) : f;
     f = models_residual_blocks(g, "reconstruction", aggregate(g, shape, f), c, shape->reconstruct);
 
-    const int result = shape->blend ? 4 * models_views(shape) + (shape->sigma ? 0 : 4) : 4;
+    const int result = shape->blend ? 4 * models_views(shape) + (shape->sigma ? -4 : 4) : 4;
     f = nn_conv2d(g, nn_cast(g, unshuffle(g, first, by), nn_graph_type(g)),
                   &(nn_conv){.name = "skipup1.upsample_conv", .out = c, .kernel = 3, .pad = 1, .residual = f,
                              .init = NN_INIT_HE_FAN_IN});

@@ -87,8 +87,9 @@ static brace_status open_shard(packer *p, brace_error *error) {
     return status == BRACE_OK ? core_safetensors_add_metadata(p->writer, "format", DATASET_FORMAT, error) : status;
 }
 
-/* Frames one after another, and the truth behind them; and the text that goes with them. */
+/* Frames one after another, and the truth behind them, the exact one where it is known; and the text about them. */
 static brace_status flatten(packer *p, const dataset_loaded *s, char **text, brace_error *error) {
+    const brace_frame *truth = s->exact != NULL ? s->exact : s->truth;
     size_t plane = (size_t)s->truth->width * s->truth->height, count = plane * (s->count + 1);
     if (count > p->capacity) {
         core_free(p->pixels);
@@ -104,13 +105,13 @@ static brace_status flatten(packer *p, const dataset_loaded *s, char **text, bra
         memcpy(p->pixels + i * plane, s->frames[i]->data, plane * sizeof *p->pixels);
         json_array_append_new(frames, dataset_frame_json(s->frames[i]));
     }
-    memcpy(p->pixels + s->count * plane, s->truth->data, plane * sizeof *p->pixels);
+    memcpy(p->pixels + s->count * plane, truth->data, plane * sizeof *p->pixels);
     char hex[65];
     core_sha256 hash;
     core_sha256_begin(&hash);
     core_sha256_add(&hash, p->pixels, count * sizeof *p->pixels);
     core_sha256_end(&hash, hex);
-    json_t *all = json_pack("{s:o, s:o, s:s, s:O?}", "frames", frames, "gt", dataset_frame_json(s->truth), "sha256",
+    json_t *all = json_pack("{s:o, s:o, s:s, s:O?}", "frames", frames, "gt", dataset_frame_json(truth), "sha256",
                             hex, "meta", s->meta);
     *text = all != NULL ? json_dumps(all, JSON_COMPACT | JSON_REAL_PRECISION(15)) : NULL;
     json_decref(all);

@@ -188,7 +188,7 @@ class Network(nn.Module):
         self.skipup1 = nn.Module()
         self.skipup1.upsample_conv = nn.Conv2d(4 * by * by, c, 3, padding=1)
         self.conv_hr = nn.Conv2d(c, c, 3, padding=1)
-        maps = 4 if not shape["blend"] else 4 * frames if shape["sigma"] else 4 * frames + 4
+        maps = 4 if not shape["blend"] else 4 * frames - 4 if shape["sigma"] else 4 * frames + 4
         self.conv_last = nn.Conv2d(c, maps * by * by, 3, padding=1)
 
     def forward(self, frames, flow=None, white=None, descriptors=None, rho=None, balance=None, sigma=None):
@@ -240,7 +240,7 @@ class Network(nn.Module):
         level = white.reshape(-1, 1, 1, 1) ** (1 / GAMMA)
         trust = ((0.95 - v / level) / 0.15).clamp(0, 1)
         if shape["sigma"]:
-            y = v[n - 1] + 8 * sigma[0] * ((trust * u)[:n - 1] * maps[:n - 1]).sum(0) + 4 * sigma[0] * maps[n - 1]
+            y = v[n - 1] + 8 * sigma[0] * ((trust * u)[1:n - 1] * maps[1:]).sum(0) + 4 * sigma[0] * maps[0]
         else:
             begin = maps.clone()
             if shape["guide"]:

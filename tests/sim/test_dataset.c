@@ -178,12 +178,26 @@ static void test_begin_finish(void **state) {
     assert_null(temporary);
 }
 
+/* The packed truth of a sample is this picture. */
+static void check_truth(const core_safetensors *file, const char *sample, const char *picture) {
+    char name[200];
+    snprintf(name, sizeof name, "%s/gt", sample);
+    const core_tensor *truth = core_safetensors_find(file, name);
+    assert_non_null(truth);
+    snprintf(name, sizeof name, "set/%s/%s", sample, picture);
+    brace_frame *f = NULL;
+    assert_int_equal(brace_frame_read(&f, in(name), &job, &error), BRACE_OK);
+    assert_memory_equal(f->data, truth->data, (size_t)f->width * f->height * 2);
+    brace_frame_destroy(f);
+}
+
 static void test_pack(void **state) {
     (void)state;
     make_sample("set/test/000001_web");
     make_sample("set/train/000000_UI");
     make_sample("set/train/000002_web");
     add_meta("set/train/000000_UI");
+    save("set/train/000002_web/gt_exact.dng", make_frame(64, 48, 1.0 / 200, 200, 0.5, 0, 0));
     size_t shards = 0;
     assert_int_equal(dataset_pack(in("set"), in("packed"), NULL, &job, &shards, &error), BRACE_OK);
     assert_int_equal(shards, 2);
@@ -204,6 +218,8 @@ static void test_pack(void **state) {
         assert_memory_equal(f->data, (const uint16_t *)frames->data + i * 64 * 48, 64 * 48 * 2);
         brace_frame_destroy(f);
     }
+    check_truth(file, "train/000000_UI", "gt.dng");
+    check_truth(file, "train/000002_web", "gt_exact.dng");
     json_t *text = json_loads(core_safetensors_metadata(file, "train/000000_UI"), 0, NULL);
     assert_string_equal(json_string_value(json_object_get(json_object_get(text, "meta"), "family")), "phone");
     assert_string_equal(json_string_value(json_object_get(json_object_get(text, "gt"), "cfa")), "GBRG");
