@@ -5,7 +5,7 @@ source "$(dirname "$0")/lib.sh"
 last='scripts/demo.sh'
 unset BRACE_MODELS # as users have it: with the weights that ship
 bash "$root/scripts/demo.sh" "$brace" shown >out 2>err; is 'exit code' $? 0
-prints 'brace-s'
+says 'network brace-s'
 for file in restored.dng restored.png reference.png; do
     exists "shown/$file"
     prints "shown/$file"
