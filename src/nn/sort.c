@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * sort.c: sorts along one dimension, rising, equal numbers in their old order, NaN
- * last. The permutation is kept for the way back. Radix sort of the numbers' bits,
- * eleven at a time; digits that are the same in all numbers cost nothing more.
- * Floats and their places are sorted together, as numbers of 64 bits.
+ * last. The permutation is kept for the way back. Floats and their places are sorted
+ * together, as numbers of 64 bits: radix sort of eleven bits at a time; digits that are
+ * the same in all numbers cost nothing more. Doubles are for tests, and take qsort.
  */
-#include <string.h>
+#include <stdlib.h>
 
 #include "nn/chunks.h"
 #include "nn/move.h"
@@ -18,8 +18,6 @@ typedef struct item {
     uint64_t key;
     uint32_t index;
 } item;
-
-enum { BITS = 11, DIGITS = 1 << BITS };
 
 /* Unsigned numbers in the order of the doubles. */
 static uint64_t key_of(double x) {
@@ -41,35 +39,17 @@ static double number_of(uint64_t key) {
     return v.d;
 }
 
-/* Sorted items are in the place that is returned. */
-static item *radix_sort(item *a, item *b, size_t n) {
-    for (unsigned shift = 0; shift < 64; shift += BITS) {
-        uint32_t count[DIGITS] = {0};
-        for (size_t i = 0; i < n; i++) {
-            count[a[i].key >> shift & (DIGITS - 1)]++;
-        }
-        if (count[a[0].key >> shift & (DIGITS - 1)] == n) {
-            continue;
-        }
-        uint32_t sum = 0;
-        for (size_t i = 0; i < DIGITS; i++) {
-            const uint32_t c = count[i];
-            count[i] = sum;
-            sum += c;
-        }
-        for (size_t i = 0; i < n; i++) {
-            b[count[a[i].key >> shift & (DIGITS - 1)]++] = a[i];
-        }
-        item *swap = a;
-        a = b;
-        b = swap;
+static int by_key(const void *x, const void *y) {
+    const item *a = x, *b = y;
+    if (a->key != b->key) {
+        return a->key < b->key ? -1 : 1;
     }
-    return a;
+    return a->index < b->index ? -1 : a->index > b->index;
 }
 
 /* ---- floats ---- */
 
-enum { FLOAT_DIGITS = 3 }; /* of 11, 11 and 10 bits, above the 32 of the place */
+enum { BITS = 11, DIGITS = 1 << BITS, FLOAT_DIGITS = 3 }; /* of 11, 11 and 10 bits, above the 32 of the place */
 
 static uint64_t float_item(float x, uint32_t index) {
     union {
@@ -93,8 +73,8 @@ static size_t float_digit(uint64_t key, int digit) {
     return key >> (32 + digit * BITS) & (DIGITS - 1);
 }
 
-/* As radix_sort. */
-static uint64_t *radix_sort_floats(uint64_t *a, uint64_t *b, size_t n) {
+/* Sorted items are in the place that is returned. */
+static uint64_t *radix_sort(uint64_t *a, uint64_t *b, size_t n) {
     uint32_t count[FLOAT_DIGITS][DIGITS] = {{0}};
     for (size_t i = 0; i < n; i++) {
         for (int d = 0; d < FLOAT_DIGITS; d++) {
@@ -133,7 +113,7 @@ static size_t line_start(const sort_job *job, size_t line) {
 }
 
 static size_t room(size_t n) {
-    return (2 * n * sizeof(item) + 63) / 64 * 64;
+    return (n * sizeof(item) + 63) / 64 * 64; /* as large as two floats and their places */
 }
 
 static void sort_line(const sort_job *job, size_t start, void *scratch) {
@@ -141,11 +121,11 @@ static void sort_line(const sort_job *job, size_t start, void *scratch) {
     const double *from = (const double *)x.data + start;
     double *to = (double *)y.data + start;
     uint32_t *order = job->call->saved;
-    item *a = scratch, *b = a + job->n;
+    item *sorted = scratch;
     for (size_t i = 0; i < job->n; i++) {
-        a[i] = (item){key_of(from[i * job->stride]), (uint32_t)i};
+        sorted[i] = (item){key_of(from[i * job->stride]), (uint32_t)i};
     }
-    const item *sorted = radix_sort(a, b, job->n);
+    qsort(sorted, job->n, sizeof *sorted, by_key);
     for (size_t i = 0; i < job->n; i++) {
         const size_t at = i * job->stride;
         to[at] = number_of(sorted[i].key);
@@ -175,7 +155,7 @@ static void sort_line_floats(const sort_job *job, size_t start, void *scratch) {
     for (size_t i = 0; i < job->n; i++) {
         a[i] = float_item(get(&x, start + i * job->stride), (uint32_t)i);
     }
-    const uint64_t *sorted = radix_sort_floats(a, b, job->n);
+    const uint64_t *sorted = radix_sort(a, b, job->n);
     for (size_t i = 0; i < job->n; i++) {
         const size_t at = start + i * job->stride;
         put(&y, at, float_of(sorted[i]));

@@ -14,7 +14,6 @@ is tiles "$(json r.json network tiles)" 1
 is weight "$(json r.json inputs 0 weight)" null
 ok seconds json r.json seconds network
 "$brace" restore small -q -o ref.png --method reference || exit 1
-"$brace" restore small -q -o m0.png --method merge || exit 1
 ok 'the network changes the picture' bash -c '! cmp -s a.png ref.png'
 ok 'but not much' "$helper" same a.png ref.png 20
 
@@ -32,19 +31,19 @@ ok 'the same picture' cmp a.png c.png
 BRACE_MODELS=models run 0 restore small -qo d.png --model brace-s; ok 'by name' cmp a.png d.png
 BRACE_MODELS=models run 1 restore small -o x.png --model tmrnet-s; says 'no weights of this name (tmrnet-s.safetensors)'
 absent x.png
-# Those that ship.
-BRACE_MODELS=$root/models run 0 restore small -o s.png --json; cp out r.json
-is 'shipped weights' "$(json r.json network weights)" "$root/models/brace-s.safetensors"
-is 'how many numbers' "$(json r.json notes count)" 0
-ok 'a picture of their own' bash -c '! cmp -s a.png s.png'
-ok 'near the merged one' "$helper" same m0.png s.png 28
-
 run 0 restore small -o m.png --json; cp out r.json; is merged "$(json r.json method)" merge
 is 'no remark' "$(json r.json notes count)" 0
 is network "$(json r.json network)" null
 run 0 restore small -o m.png --method brace --json; cp out r.json; is merged "$(json r.json method)" merge
 says "merged instead: no network's weights are installed"; is remark "$(json r.json notes count)" 1
 run 1 restore small -o x.png --model brace-s; says 'brace-s.safetensors'; absent x.png
+
+# Those that ship.
+BRACE_MODELS=$root/models run 0 restore small -o s.png --json; cp out r.json
+is 'shipped weights' "$(json r.json network weights)" "$root/models/brace-s.safetensors"
+is 'no remark' "$(json r.json notes count)" 0
+ok 'a picture of their own' bash -c '! cmp -s a.png s.png'
+ok 'near the merged one' "$helper" same m.png s.png 28
 
 # Brackets that it has not learned are merged.
 run 0 restore small/frame_[234].dng -o m.png --model net.safetensors --json; cp out r.json

@@ -388,7 +388,7 @@ static void test_memory(void **state) {
     const double least = atof(needs + 6);
     assert_true(least >= 2 && least < 100);
     int last = 0;
-    for (double megabytes = least; megabytes < 40 * least; megabytes *= 4) {
+    for (double megabytes = least; megabytes < 40 * least; megabytes *= 2) {
         out = restore(b, "memory.safetensors", &(brace_restore_params){.memory = (uint64_t)(megabytes * 1e6)}, 1);
         const int area = out->report.tile_width * out->report.tile_height;
         assert_true(area >= last);
