@@ -32,7 +32,7 @@ typedef struct models_shape {
     bool spynet;     /* flow by SPyNet; false: flow is an input, measured by restore's alignment */
     bool balance;    /* features are made of white-balanced frames: what is white looks the same from every camera */
     bool guide;      /* the merged picture (restore/restore.c) is shown beside the frames, as the last of them */
-    bool sigma;      /* so is how far off merging expects it to be; blends move away from it in proportion to that */
+    bool sigma;      /* so is how far off merging expects it to be; blends move away from it by steps of that size, too */
     bool blend;      /* the result is the reference, times a gain, plus what is taken from other frames, plus a rest;
                         false: what the last convolution gives */
     bool mscam;      /* multi-scale spatial cross-attention modulator */

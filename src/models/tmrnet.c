@@ -21,11 +21,12 @@
  * With sigma, what merging expects its errors to be, the guide is what is blended into, and frames are listened to as
  * far as merging doubts:
  *
- *   u_i = (v_i - v_g) / sqrt((8 sigma)^2 + (v_i - v_g)^2)
- *   y = v_g + 8 sigma (sum_i m_i a_i u_i + b / 2),  i > 0
+ *   d_i = v_i - v_g,  u_i = d_i / sqrt((8 sigma)^2 + d_i^2)
+ *   y = v_g + 8 sigma (a_0 + sum_i m_i a_i u_i) + c_0 + sum_i m_i c_i d_i,  i > 0
  *
- * u_i and sigma^(1/4) are shown to the network beside frame i. The reference is not listened to: where it is right the
- * guide is the reference already, and its stripes are what is to be removed.
+ * Small steps are as large as the doubt is; large ones leave a guide that is sure and wrong. u_i and sigma^(1/4) are
+ * shown to the network beside frame i. The reference is not listened to: where it is right the guide is the reference
+ * already, and its stripes are what is to be removed.
  */
 #include "models/models.h"
 
@@ -118,19 +119,23 @@ static nn_value aggregate(nn_graph *g, const models_shape *shape, nn_value featu
     return nn_concat(g, NN_AXIS_C, 2, (nn_value[]){base, h});
 }
 
-/* How many sigma a frame can move the guide by. */
+/* How many sigma a small step can move the guide by. */
 static const double reach = 8;
 
-/* u_i of the header, all frames under the gamma curve, moved by the flow, and the guide the last of them; 0 for the
+/* d_i of the header, all frames under the gamma curve, moved by the flow, and the guide the last of them; 0 for the
  * guide and for what was moved into the picture from outside. */
-static nn_value unlike(nn_graph *g, nn_value curved, nn_value flow, nn_value sigma) {
+static nn_value unlike(nn_graph *g, nn_value curved, nn_value flow) {
     const int views = nn_shape_of(g, curved).n;
     const nn_value ones = nn_affine(g, nn_slice(g, curved, NN_AXIS_C, 0, 1, 1), 0, 1);
     const nn_value first = nn_slice(g, ones, NN_AXIS_N, 0, 1, 1), inside = nn_warp(g, others(g, ones), flow, NN_ZERO);
     const nn_value d = nn_sub(g, curved, nn_slice(g, curved, NN_AXIS_N, views - 1, views, 1));
+    return nn_mul(g, d, nn_concat(g, NN_AXIS_N, 2, (nn_value[]){first, inside}));
+}
+
+/* u_i of the header. */
+static nn_value in_sigmas(nn_graph *g, nn_value d, nn_value sigma) {
     const nn_value limit = nn_affine(g, nn_mul(g, sigma, sigma), reach * reach, 1e-10);
-    const nn_value u = nn_div(g, d, nn_sqrt(g, nn_add(g, nn_mul(g, d, d), limit)));
-    return nn_mul(g, u, nn_concat(g, NN_AXIS_N, 2, (nn_value[]){first, inside}));
+    return nn_div(g, d, nn_sqrt(g, nn_add(g, nn_mul(g, d, d), limit)));
 }
 
 /* 1 up to 0.8 of white, in the gamma curve, 0 from 0.95 on. */
@@ -143,18 +148,32 @@ static nn_value uncurved(nn_graph *g, nn_value y) {
     return nn_mul(g, y, nn_pow(g, nn_abs(g, y), gamma_curve - 1));
 }
 
-/* y of the header with sigma, from maps {1, h, w, 4 (views - 1)}: b, then those of the frames but the reference. */
-static nn_value blend_doubt(nn_graph *g, nn_value maps, nn_value frames, nn_value u, const models_inputs *in) {
-    const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2);
-    const int last = nn_shape_of(g, frames).n - 1;
-    const nn_value more = nn_mul(g, u, unclipped(g, all, in->white));
-    nn_value sum = nn_affine(g, nn_slice(g, maps, NN_AXIS_C, 0, 4, 1), 0.5, 0);
-    for (int i = 1; i < last; i++) {
-        const nn_value map = nn_slice(g, maps, NN_AXIS_C, 4 * i, 4 * i + 4, 1);
-        sum = nn_add(g, sum, nn_mul(g, nn_slice(g, more, NN_AXIS_N, i, i + 1, 1), map));
+/* sum_i map_i x_i over the frames between reference and guide, from maps {1, h, w, 4 (views - 2)}. */
+static nn_value mixture(nn_graph *g, nn_value maps, nn_value x) {
+    nn_value sum = 0;
+    for (int i = 1; i < nn_shape_of(g, x).n - 1; i++) {
+        const nn_value map = nn_slice(g, maps, NN_AXIS_C, 4 * i - 4, 4 * i, 1);
+        const nn_value part = nn_mul(g, nn_slice(g, x, NN_AXIS_N, i, i + 1, 1), map);
+        sum = i == 1 ? part : nn_add(g, sum, part);
     }
-    const nn_value guide = nn_slice(g, all, NN_AXIS_N, last, last + 1, 1);
-    return uncurved(g, nn_add(g, guide, nn_mul(g, sum, nn_affine(g, in->sigma, reach, 0))));
+    return sum;
+}
+
+/* y of the header with sigma, from maps {1, h, w, 8 (views - 1)}: a_0, a_i, c_0, c_i. */
+static nn_value blend_doubt(nn_graph *g, const models_shape *shape, nn_value maps, nn_value frames, nn_value d,
+                            nn_value u, const models_inputs *in) {
+    const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2), m = unclipped(g, all, in->white);
+    const int views = models_views(shape), half = 4 * views - 4;
+    nn_value part[4];
+    for (int i = 0; i < 4; i++) {
+        part[i] = nn_slice(g, maps, NN_AXIS_C, i / 2 * half + i % 2 * 4, i / 2 * half + (i % 2 ? half : 4), 1);
+    }
+    const nn_value rest = shape->balance ? nn_div(g, part[2], nn_slice(g, in->balance, NN_AXIS_C, 1, 8, 2)) : part[2];
+    const nn_value small = nn_add(g, part[0], mixture(g, part[1], nn_mul(g, m, u)));
+    const nn_value large = nn_add(g, rest, mixture(g, part[3], nn_mul(g, m, d)));
+    const nn_value guide = nn_slice(g, all, NN_AXIS_N, views - 1, views, 1);
+    const nn_value steps = nn_add(g, nn_mul(g, small, nn_affine(g, in->sigma, reach, 0)), large);
+    return uncurved(g, nn_add(g, guide, steps));
 }
 
 /* y of the header, from maps {1, h, w, 4 views + 4}. */
@@ -207,12 +226,13 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
     const nn_value flow_others = shape->spynet ? flow : others(g, flow);
     const nn_value moved = shape->groups > 0 ? in->frames : move(g, in->frames, flow_others);
     nn_value shown = balanced(g, shape, in, moved);
-    nn_value u = 0;
+    nn_value d = 0, u = 0;
     if (shape->sigma) {
         nn_value doubt = in->sigma;
         doubt = shape->balance ? nn_mul(g, doubt, nn_slice(g, in->balance, NN_AXIS_C, 1, 8, 2)) : doubt;
         doubt = nn_repeat(g, nn_pow(g, doubt, 0.25), NN_AXIS_N, models_views(shape));
-        u = unlike(g, nn_slice(g, moved, NN_AXIS_C, 1, 8, 2), flow_others, in->sigma);
+        d = unlike(g, nn_slice(g, moved, NN_AXIS_C, 1, 8, 2), flow_others);
+        u = in_sigmas(g, d, in->sigma);
         shown = nn_concat(g, NN_AXIS_C, 3, (nn_value[]){shown, doubt, u});
     }
     const nn_value packed = unshuffle(g, shown, by);
@@ -224,7 +244,7 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
     f = shape->mscam ? models_mscam(g, shape, f, in) : f;
     f = models_residual_blocks(g, "reconstruction", aggregate(g, shape, f), c, shape->reconstruct);
 
-    const int result = shape->blend ? 4 * models_views(shape) + (shape->sigma ? -4 : 4) : 4;
+    const int result = !shape->blend ? 4 : shape->sigma ? 8 * models_views(shape) - 8 : 4 * models_views(shape) + 4;
     f = nn_conv2d(g, nn_cast(g, unshuffle(g, first, by), nn_graph_type(g)),
                   &(nn_conv){.name = "skipup1.upsample_conv", .out = c, .kernel = 3, .pad = 1, .residual = f,
                              .init = NN_INIT_HE_FAN_IN});
@@ -238,7 +258,7 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
         return shape->balance ? nn_div(g, f, nn_slice(g, in->balance, NN_AXIS_C, 0, 8, 2)) : f;
     }
     if (shape->sigma) {
-        return blend_doubt(g, f, moved, u, in);
+        return blend_doubt(g, shape, f, moved, d, u, in);
     }
     return blend(g, shape, f, shape->groups > 0 ? move(g, in->frames, flow_others) : moved, in);
 }

@@ -188,7 +188,7 @@ class Network(nn.Module):
         self.skipup1 = nn.Module()
         self.skipup1.upsample_conv = nn.Conv2d(4 * by * by, c, 3, padding=1)
         self.conv_hr = nn.Conv2d(c, c, 3, padding=1)
-        maps = 4 if not shape["blend"] else 4 * frames - 4 if shape["sigma"] else 4 * frames + 4
+        maps = 4 if not shape["blend"] else 8 * frames - 8 if shape["sigma"] else 4 * frames + 4
         self.conv_last = nn.Conv2d(c, maps * by * by, 3, padding=1)
 
     def forward(self, frames, flow=None, white=None, descriptors=None, rho=None, balance=None, sigma=None):
@@ -215,8 +215,8 @@ class Network(nn.Module):
             v = moved(curved)
             d = v - v[n - 1:]
             inside = torch.ones_like(v[:, :1])
-            inside = torch.cat([inside[:1], warp(inside[1:], flow)])
-            u = d / (64 * sigma ** 2 + d ** 2 + 1e-10).sqrt() * inside
+            d = d * torch.cat([inside[:1], warp(inside[1:], flow)])
+            u = d / (64 * sigma ** 2 + d ** 2 + 1e-10).sqrt()
             shown = torch.cat([shown, ((sigma * balance[1::2]) ** 0.25).repeat(n, 1, 1, 1), u], 1)
         f = self.feat_extract(F.pixel_unshuffle(shown, by))
         if deform:
@@ -240,7 +240,9 @@ class Network(nn.Module):
         level = white.reshape(-1, 1, 1, 1) ** (1 / GAMMA)
         trust = ((0.95 - v / level) / 0.15).clamp(0, 1)
         if shape["sigma"]:
-            y = v[n - 1] + 8 * sigma[0] * ((trust * u)[1:n - 1] * maps[1:]).sum(0) + 4 * sigma[0] * maps[0]
+            small, large = maps[:n - 1], maps[n - 1:]
+            y = v[n - 1] + 8 * sigma[0] * (small[0] + ((trust * u)[1:n - 1] * small[1:]).sum(0))
+            y = y + large[0] / balance[1::2] + ((trust * d)[1:n - 1] * large[1:]).sum(0)
         else:
             begin = maps.clone()
             if shape["guide"]:
