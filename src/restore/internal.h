@@ -103,6 +103,9 @@ static inline v4 restore_view_unexplained(const restore_view *view, v4 gain) {
 /* Gains along one row, interpolated across it. */
 void restore_view_gain_row(const restore_view *view, size_t y, v4 *row);
 
+/* contradict.c: takes from the longer frames the trust of what three shorter ones contradict. Views from short to long. */
+void restore_contradict(restore_view *views, size_t count, core_pool *pool);
+
 /* light.c: measures the gains of every view, longest exposure first. `sum` and
  * `weight` are scratch of the picture's size. */
 brace_status restore_light(restore_view *views, size_t count, restore_picture *sum, restore_picture *weight,

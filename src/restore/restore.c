@@ -115,6 +115,7 @@ brace_status restore_merge(float *mosaic, float *sigma, brace_restore_report *re
     status = merge_views(&s, bracket, motion, job, pool, error);
     if (status)
         goto done;
+    restore_contradict(s.view, s.count, pool);
     report->seconds_align += core_seconds() - start;
 
     if ((status = core_check_cancel(job, error)))

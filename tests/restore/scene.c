@@ -18,6 +18,9 @@ static double wave(double x, double y, double fx, double fy, double phase) {
 
 double scene_light(const scene *s, double x, double y, int color) {
     double tint = color == 0 ? 0.8 : color == 1 ? 1 : 0.7;
+    if (s->bezel) {
+        return (y < 0.7 * s->height ? s->level : 0.004) * tint;
+    }
     if (s->paper) {
         /* Lines of text, slightly tilted, each glyph a bar; a margin around. */
         double u = x / s->width, v = y / s->height;
@@ -60,7 +63,7 @@ brace_bracket *scene_bracket(const scene *s) {
                 gain = lit(100 + 0.37 * i + s->pulses * y / s->height, t, s->duty) / (t * s->duty);
             }
             for (uint32_t x = 0; x < s->width; x++) {
-                double move = (i - 2) * s->shift, at_x = x - move, at_y = y - move;
+                double move = (i - 2) * s->shift, at_x = x - move, at_y = y - move - (i == 4 ? s->slip : 0);
                 int color = brace_cfa_color(s->cfa, x, y), steps = s->smear > 0 && i > 2 ? 8 : 1;
                 double light = 0;
                 if (s->flashes && i < 2)

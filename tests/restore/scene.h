@@ -16,6 +16,8 @@ typedef struct scene {
     double smear;     /* the longer frames are moved up and down this many pixels, each, while they are exposed */
     bool flashes;     /* the shorter frames meet one line in eight of the light, eightfold, each block and colour in turn */
     bool paper;       /* bright page with rows of ink instead of texture all over */
+    bool bezel;       /* a bright page above a dark bezel, the same all along the rows */
+    double slip;      /* the longest frame is moved down by so many pixels more */
     bool no_noise;
     uint64_t seed;
 } scene;
