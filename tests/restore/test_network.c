@@ -300,7 +300,7 @@ static void test_seams(void **state) {
         save_network("seams.safetensors", &shape, true, 64);
         brace_restored *whole = restore(b, "seams.safetensors", NULL, 2);
         assert_int_equal(whole->report.tiles, 1);
-        brace_restored *tiled = restore(b, "seams.safetensors", &(brace_restore_params){.memory = 7000000}, 2);
+        brace_restored *tiled = restore(b, "seams.safetensors", &(brace_restore_params){.memory = 8000000}, 2);
         assert_true(tiled->report.tiles >= 4);
         brace_restored *reference = restore(b, NULL, &(brace_restore_params){.method = BRACE_METHOD_REFERENCE}, 2);
         const double most = largest_difference(whole, tiled, 0), effect = largest_difference(whole, reference, 0);
@@ -650,7 +650,7 @@ static void test_cancelled(void **state) {
     brace_error error = {0};
     brace_restored *out = NULL;
     const brace_job job = {.threads = 2, .progress = stop_at_tile, .user = (void *)&cancel, .cancel = &cancel};
-    const brace_restore_params params = {.model = in(path, "cancel.safetensors"), .memory = 7000000};
+    const brace_restore_params params = {.model = in(path, "cancel.safetensors"), .memory = 8000000};
     assert_int_equal(brace_restore(&out, b, &params, &job, &error), BRACE_ERROR_CANCELLED);
     assert_null(out);
     brace_bracket_destroy(b);
