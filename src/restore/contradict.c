@@ -65,6 +65,7 @@ static bool contradicted(const sums *s) {
             return false;
         }
     }
+    /* In the dark anything agrees: what the next shorter one says is known no better than the one that confirms it. */
     const double error = sqrt(s->variance[0] + s->variance[1] + s->variance[2]);
     return s->light[1] - s->light[0] >= contradiction * s->light[1] + 6 * error;
 }
