@@ -148,11 +148,17 @@ static nn_value uncurved(nn_graph *g, nn_value y) {
     return nn_mul(g, y, nn_pow(g, nn_abs(g, y), gamma_curve - 1));
 }
 
-/* sum_i map_i x_i over the frames between reference and guide, from maps {1, h, w, 4 (views - 2)}. */
+/* What a network adds of its own, as the camera's RAW. */
+static nn_value unbalanced(nn_graph *g, const models_shape *shape, const models_inputs *in, nn_value rest) {
+    return shape->balance ? nn_div(g, rest, nn_slice(g, in->balance, NN_AXIS_C, 1, 8, 2)) : rest;
+}
+
+/* sum_i map_i x_i over the frames between reference and guide, from maps {1, h, w, 4 (views - 1)} of which the first is
+ * not a frame's. */
 static nn_value mixture(nn_graph *g, nn_value maps, nn_value x) {
     nn_value sum = 0;
     for (int i = 1; i < nn_shape_of(g, x).n - 1; i++) {
-        const nn_value map = nn_slice(g, maps, NN_AXIS_C, 4 * i - 4, 4 * i, 1);
+        const nn_value map = nn_slice(g, maps, NN_AXIS_C, 4 * i, 4 * i + 4, 1);
         const nn_value part = nn_mul(g, nn_slice(g, x, NN_AXIS_N, i, i + 1, 1), map);
         sum = i == 1 ? part : nn_add(g, sum, part);
     }
@@ -164,13 +170,10 @@ static nn_value blend_doubt(nn_graph *g, const models_shape *shape, nn_value map
                             nn_value u, const models_inputs *in) {
     const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2), m = unclipped(g, all, in->white);
     const int views = models_views(shape), half = 4 * views - 4;
-    nn_value part[4];
-    for (int i = 0; i < 4; i++) {
-        part[i] = nn_slice(g, maps, NN_AXIS_C, i / 2 * half + i % 2 * 4, i / 2 * half + (i % 2 ? half : 4), 1);
-    }
-    const nn_value rest = shape->balance ? nn_div(g, part[2], nn_slice(g, in->balance, NN_AXIS_C, 1, 8, 2)) : part[2];
-    const nn_value small = nn_add(g, part[0], mixture(g, part[1], nn_mul(g, m, u)));
-    const nn_value large = nn_add(g, rest, mixture(g, part[3], nn_mul(g, m, d)));
+    const nn_value a = nn_slice(g, maps, NN_AXIS_C, 0, half, 1), c = nn_slice(g, maps, NN_AXIS_C, half, 2 * half, 1);
+    const nn_value c_0 = unbalanced(g, shape, in, nn_slice(g, c, NN_AXIS_C, 0, 4, 1));
+    const nn_value small = nn_add(g, nn_slice(g, a, NN_AXIS_C, 0, 4, 1), mixture(g, a, nn_mul(g, m, u)));
+    const nn_value large = nn_add(g, c_0, mixture(g, c, nn_mul(g, m, d)));
     const nn_value guide = nn_slice(g, all, NN_AXIS_N, views - 1, views, 1);
     const nn_value steps = nn_add(g, nn_mul(g, small, nn_affine(g, in->sigma, reach, 0)), large);
     return uncurved(g, nn_add(g, guide, steps));
@@ -188,9 +191,8 @@ static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, nn_
         const nn_value map = nn_slice(g, maps, NN_AXIS_C, 4 * i, 4 * i + 4, 1), share = guide ? nn_affine(g, map, 1, 1) : map;
         y = nn_add(g, y, nn_mul(g, nn_slice(g, more, NN_AXIS_N, i - 1, i, 1), share));
     }
-    nn_value rest = nn_slice(g, maps, NN_AXIS_C, 4 * views, 4 * views + 4, 1);
-    rest = shape->balance ? nn_div(g, rest, nn_slice(g, in->balance, NN_AXIS_C, 1, 8, 2)) : rest;
-    return uncurved(g, nn_add(g, y, rest));
+    const nn_value rest = nn_slice(g, maps, NN_AXIS_C, 4 * views, 4 * views + 4, 1);
+    return uncurved(g, nn_add(g, y, unbalanced(g, shape, in, rest)));
 }
 
 /* What would otherwise be noticed somewhere inside, or not at all. */

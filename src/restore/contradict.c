@@ -28,8 +28,7 @@ typedef struct sums {
 } sums;
 
 typedef struct contradict_job {
-    const restore_view *view[FRAMES];
-    uint8_t *trust; /* of the longer frame */
+    restore_view *view[FRAMES];
 } contradict_job;
 
 /* Of the samples of a run that none of the frames clips but the next shorter one. */
@@ -78,7 +77,7 @@ static void rows(void *arg, size_t begin, size_t end, int worker) {
         for (size_t x = 0; x + RUN <= width; x += RUN) {
             const sums s = sums_of(job, y * width + x);
             if (contradicted(&s)) {
-                memset(job->trust + 4 * (y * width + x), 0, (size_t)4 * RUN);
+                memset(job->view[0]->trust + 4 * (y * width + x), 0, (size_t)4 * RUN);
             }
         }
     }
@@ -87,7 +86,7 @@ static void rows(void *arg, size_t begin, size_t end, int worker) {
 void restore_contradict(restore_view *views, size_t count, core_pool *pool) {
     for (size_t i = count; i-- > FRAMES - 1;) {
         if (views[i].exposure > 1.5) {
-            contradict_job job = {{&views[i], &views[i - 1], &views[i - 2], &views[i - 3]}, views[i].trust};
+            contradict_job job = {{&views[i], &views[i - 1], &views[i - 2], &views[i - 3]}};
             core_parallel(pool, views[i].light.height, 16, rows, &job);
         }
     }

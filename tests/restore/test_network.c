@@ -300,7 +300,7 @@ static void test_seams(void **state) {
         save_network("seams.safetensors", &shape, true, 64);
         brace_restored *whole = restore(b, "seams.safetensors", NULL, 2);
         assert_int_equal(whole->report.tiles, 1);
-        brace_restored *tiled = restore(b, "seams.safetensors", &(brace_restore_params){.memory = 8000000}, 2);
+        brace_restored *tiled = restore(b, "seams.safetensors", &(brace_restore_params){.memory = 7000000}, 2);
         assert_true(tiled->report.tiles >= 4);
         brace_restored *reference = restore(b, NULL, &(brace_restore_params){.method = BRACE_METHOD_REFERENCE}, 2);
         const double most = largest_difference(whole, tiled, 0), effect = largest_difference(whole, reference, 0);
