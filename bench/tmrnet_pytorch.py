@@ -17,7 +17,7 @@ import networks  # noqa: E402
 
 SHAPE = {"frames": 5, "channels": 64, "unshuffle": 1, "extract": 5, "global": 16, "frame": 24, "reconstruct": 5,
          "offset": 3, "groups": 8, "spynet": True, "blend": False, "mscam": False, "prior": False, "strip": 0,
-         "balance": False, "guide": False, "sigma": False}
+         "balance": False, "guide": False, "sigma": False, "gate": False}
 
 
 def status(key):

@@ -135,6 +135,7 @@ static void print(const model_file *m) {
            s->global, s->frame, s->reconstruct);
     printf("  shown white-balanced frames: %s\n", s->balance ? "yes" : "no");
     printf("  shown the merged picture, too: %s\n", !s->guide ? "no" : s->sigma ? "yes, with its expected errors" : "yes");
+    printf("  answers without it, too: %s\n", s->gate ? "yes, with a gate between the two" : "no");
     printf("  alignment: %s%s\n", s->spynet ? "optical flow" : "measured motion",
            s->groups > 0 ? " and deformable convolution" : "");
     printf("  MSCAM: %s%s%s\n", s->mscam ? "yes" : "no", s->mscam && s->prior ? ", with banding prior" : "",

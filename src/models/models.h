@@ -33,6 +33,7 @@ typedef struct models_shape {
     bool balance;    /* features are made of white-balanced frames: what is white looks the same from every camera */
     bool guide;      /* the merged picture (restore/restore.c) is shown beside the frames, as the last of them */
     bool sigma;      /* so is how far off merging expects it to be; blends move away from it by steps of that size, too */
+    bool gate;       /* with sigma: the guide with small steps and the frames' own blend are two answers, and a map says which */
     bool blend;      /* the result is the reference, times a gain, plus what is taken from other frames, plus a rest;
                         false: what the last convolution gives */
     bool mscam;      /* multi-scale spatial cross-attention modulator */
@@ -85,6 +86,9 @@ void models_balance(float balance[8], const double gains[3]);
 
 /* The picture of the reference without banding, packed RAW {1, h, w, 4}, linear. */
 nn_value models_build(nn_graph *g, const models_shape *shape, const models_inputs *inputs);
+/* The same; with `gate`, *alone is what the frames say without the guide, which training shows the truth, too. 0: there
+ * is none. */
+nn_value models_build_both(nn_graph *g, const models_shape *shape, const models_inputs *inputs, nn_value *alone);
 
 /* ---- parts ---- */
 

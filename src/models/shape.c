@@ -20,7 +20,7 @@ bool models_shape_named(models_shape *out, const char *name) {
     *out = name[strlen(name) - 1] == 's' ? everyday : paper;
     out->mscam = out->prior = small || large;
     out->strip = small ? 64 : 0;
-    out->guide = out->sigma = small;
+    out->guide = out->sigma = out->gate = small;
     out->balance = strcmp(name, "tmrnet") != 0; /* whose published weights know no balance */
     return true;
 }
@@ -46,6 +46,7 @@ static const struct {
     {"balance", offsetof(models_shape, balance), 0, 1},
     {"guide", offsetof(models_shape, guide), 0, 1},
     {"sigma", offsetof(models_shape, sigma), 0, 1},
+    {"gate", offsetof(models_shape, gate), 0, 1},
     {"blend", offsetof(models_shape, blend), 0, 1},
     {"mscam", offsetof(models_shape, mscam), 0, 1},
     {"prior", offsetof(models_shape, prior), 0, 1},
@@ -141,7 +142,7 @@ brace_status models_shape_of_file(models_shape *out, char name[MODELS_NAME], con
     if (network == NULL) {
         return BRACE_OK;
     }
-    out->balance = out->guide = out->sigma = false; /* a file without these keys is older than they are */
+    out->balance = out->guide = out->sigma = out->gate = false; /* a file without these keys is older than they are */
     const brace_status status = models_shape_parse(out, network, "its network", error);
     if (status != BRACE_OK) {
         core_error_prefix(error, path);

@@ -27,6 +27,12 @@
  * Small steps are as large as the doubt is; large ones leave a guide that is sure and wrong. u_i and sigma^(1/4) are
  * shown to the network beside frame i. The reference is not listened to: where it is right the guide is the reference
  * already, and its stripes are what is to be removed.
+ *
+ * With a gate, there are two answers, and a map t, 0 at first, that leaves the first for the second where merging failed:
+ *
+ *   y_g = v_g + 8 sigma (a_0 + sum_i m_i a_i u_i)
+ *   y_f = the blend of the frames without guide, as above
+ *   y = y_g + t (y_f - y_g)
  */
 #include "models/models.h"
 
@@ -179,20 +185,42 @@ static nn_value blend_doubt(nn_graph *g, const models_shape *shape, nn_value map
     return uncurved(g, nn_add(g, guide, steps));
 }
 
-/* y of the header, from maps {1, h, w, 4 views + 4}. */
-static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, nn_value frames, const models_inputs *in) {
-    const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2), first = nn_slice(g, all, NN_AXIS_N, 0, 1, 1);
-    const nn_value moved = others(g, all);
-    const nn_value more = nn_mul(g, nn_sub(g, moved, first), unclipped(g, moved, others(g, in->white)));
+/* y of the header without sigma, from maps {1, h, w, 4 views + 4} of views under the gamma curve; `guide`: the last view
+ * is one. */
+static nn_value mixed(nn_graph *g, const models_shape *shape, nn_value maps, nn_value all, nn_value white, bool guide,
+                      const models_inputs *in) {
+    const nn_value first = nn_slice(g, all, NN_AXIS_N, 0, 1, 1), moved = others(g, all);
+    const nn_value more = nn_mul(g, nn_sub(g, moved, first), unclipped(g, moved, others(g, white)));
     nn_value y = nn_mul(g, first, nn_affine(g, nn_slice(g, maps, NN_AXIS_C, 0, 4, 1), 1, 1));
-    const int views = models_views(shape);
+    const int views = nn_shape_of(g, all).n;
     for (int i = 1; i < views; i++) {
-        const bool guide = shape->guide && i == views - 1;
-        const nn_value map = nn_slice(g, maps, NN_AXIS_C, 4 * i, 4 * i + 4, 1), share = guide ? nn_affine(g, map, 1, 1) : map;
+        const nn_value map = nn_slice(g, maps, NN_AXIS_C, 4 * i, 4 * i + 4, 1);
+        const nn_value share = guide && i == views - 1 ? nn_affine(g, map, 1, 1) : map;
         y = nn_add(g, y, nn_mul(g, nn_slice(g, more, NN_AXIS_N, i - 1, i, 1), share));
     }
-    const nn_value rest = nn_slice(g, maps, NN_AXIS_C, 4 * views, 4 * views + 4, 1);
-    return uncurved(g, nn_add(g, y, unbalanced(g, shape, in, rest)));
+    return nn_add(g, y, unbalanced(g, shape, in, nn_slice(g, maps, NN_AXIS_C, 4 * views, 4 * views + 4, 1)));
+}
+
+static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, nn_value frames, const models_inputs *in) {
+    const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2);
+    return uncurved(g, mixed(g, shape, maps, all, in->white, shape->guide, in));
+}
+
+/* The guide with small steps, the frames' own blend, and the gate t between them, from maps {1, h, w, 8 views}: a_0, a_i;
+ * those of the blend; t. */
+static nn_value blend_gate(nn_graph *g, const models_shape *shape, nn_value maps, nn_value frames, nn_value u,
+                           const models_inputs *in, nn_value *alone) {
+    const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2), m = unclipped(g, all, in->white);
+    const int views = models_views(shape), n = views - 1;
+    const nn_value a = nn_slice(g, maps, NN_AXIS_C, 0, 4 * n, 1), b = nn_slice(g, maps, NN_AXIS_C, 4 * n, 8 * n + 4, 1);
+    const nn_value t = nn_slice(g, maps, NN_AXIS_C, 8 * n + 4, 8 * views, 1);
+    const nn_value small = nn_add(g, nn_slice(g, a, NN_AXIS_C, 0, 4, 1), mixture(g, a, nn_mul(g, m, u)));
+    const nn_value guide = nn_slice(g, all, NN_AXIS_N, n, views, 1);
+    const nn_value merged = nn_add(g, guide, nn_mul(g, small, nn_affine(g, in->sigma, reach, 0)));
+    const nn_value own = mixed(g, shape, b, nn_slice(g, all, NN_AXIS_N, 0, n, 1), nn_slice(g, in->white, NN_AXIS_N, 0, n, 1),
+                               false, in);
+    *alone = uncurved(g, own);
+    return uncurved(g, nn_add(g, merged, nn_mul(g, t, nn_sub(g, own, merged))));
 }
 
 /* What would otherwise be noticed somewhere inside, or not at all. */
@@ -207,6 +235,8 @@ static bool fits(nn_graph *g, const models_shape *shape, const models_inputs *in
         nn_reject(g, "no white balance, which the network takes");
     } else if (shape->sigma && !(shape->guide && shape->blend && shape->groups == 0 && in->sigma != 0)) {
         nn_reject(g, "sigma without a guide, or without a blend, or with groups; it is of the guide that is blended into");
+    } else if (shape->gate && !shape->sigma) {
+        nn_reject(g, "a gate without sigma; it is between the guide's answer and the frames'");
     } else if (!shape->spynet && (flow.n != s.n || flow.h != s.h || flow.w != s.w || flow.c != 2)) {
         nn_reject(g, "a flow of %d x %d x %d x %d for %d frames of %d x %d", flow.n, flow.h, flow.w, flow.c, s.n, s.w,
                   s.h);
@@ -215,6 +245,12 @@ static bool fits(nn_graph *g, const models_shape *shape, const models_inputs *in
 }
 
 nn_value models_build(nn_graph *g, const models_shape *shape, const models_inputs *in) {
+    nn_value alone;
+    return models_build_both(g, shape, in, &alone);
+}
+
+nn_value models_build_both(nn_graph *g, const models_shape *shape, const models_inputs *in, nn_value *alone) {
+    *alone = 0;
     if (!fits(g, shape, in)) {
         return 0;
     }
@@ -246,7 +282,11 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
     f = shape->mscam ? models_mscam(g, shape, f, in) : f;
     f = models_residual_blocks(g, "reconstruction", aggregate(g, shape, f), c, shape->reconstruct);
 
-    const int result = !shape->blend ? 4 : shape->sigma ? 8 * models_views(shape) - 8 : 4 * models_views(shape) + 4;
+    const int views = models_views(shape);
+    const int result = !shape->blend  ? 4
+                       : shape->gate  ? 8 * views
+                       : shape->sigma ? 8 * views - 8
+                                      : 4 * views + 4;
     f = nn_conv2d(g, nn_cast(g, unshuffle(g, first, by), nn_graph_type(g)),
                   &(nn_conv){.name = "skipup1.upsample_conv", .out = c, .kernel = 3, .pad = 1, .residual = f,
                              .init = NN_INIT_HE_FAN_IN});
@@ -258,6 +298,9 @@ nn_value models_build(nn_graph *g, const models_shape *shape, const models_input
     f = nn_cast(g, by == 1 ? f : nn_pixel_shuffle(g, f, by), exact);
     if (!shape->blend) {
         return shape->balance ? nn_div(g, f, nn_slice(g, in->balance, NN_AXIS_C, 0, 8, 2)) : f;
+    }
+    if (shape->gate) {
+        return blend_gate(g, shape, f, moved, u, in, alone);
     }
     if (shape->sigma) {
         return blend_doubt(g, shape, f, moved, d, u, in);

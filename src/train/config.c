@@ -62,7 +62,7 @@ static void read_data(train_config *c, const json_at *root) {
 
 static void read_loss(train_config *c, const json_at *root) {
     static const char *const keys[] = {"encoding", "mu",           "wavelet",           "wavelet_weights", "l1",
-                                       "color",    "color_scales", "color_projections", "relative",        NULL};
+                                       "color",    "color_scales", "color_projections", "relative",        "alone", NULL};
     static const char *const encodings[] = {"gamma", "mu_law", NULL};
     train_loss_params *l = &c->loss;
     *l = (train_loss_params){.encoding = TRAIN_GAMMA, .mu = 5000, .wavelet = 0.5, .msswd = {5, 32}};
@@ -82,6 +82,10 @@ static void read_loss(train_config *c, const json_at *root) {
         json_check_fail(&loss, "l1", "nothing is left to learn from: wavelet and color are 0");
     }
     l->relative = json_check_number(&loss, "relative", 0, 1000, 0);
+    l->alone = json_check_number(&loss, "alone", 0, 1000, c->known && c->shape.gate ? 0.5 : 0);
+    if (l->alone > 0 && !(c->known && c->shape.gate)) {
+        json_check_fail(&loss, "alone", "a network without a gate has one answer only");
+    }
     l->msswd.scales = (int)json_check_integer(&loss, "color_scales", 1, 8, 5);
     l->msswd.projections = (int)json_check_integer(&loss, "color_projections", 1, 512, 32);
 }

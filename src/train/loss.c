@@ -2,18 +2,32 @@
 /* loss.c: the losses of both stages of training, put together. */
 #include "train/loss.h"
 
-train_loss train_loss_build(nn_graph *g, nn_weights *weights, nn_value prediction, const train_loss_params *params) {
+static nn_value exact(nn_graph *g, nn_value raw) {
+    return nn_type_of(g, raw) == NN_BF16 ? nn_cast(g, raw, NN_F32) : raw;
+}
+
+static nn_value difference_of(nn_graph *g, nn_value raw, nn_value truth, const train_loss_params *params) {
+    return nn_sub(g, train_encode(g, raw, params->encoding, params->mu),
+                  train_encode(g, truth, params->encoding, params->mu));
+}
+
+static nn_value l1_of(nn_graph *g, nn_value difference) {
+    return nn_mean(g, nn_abs(g, difference), true, true, true, true);
+}
+
+/* r log(1 + x/r) */
+static nn_value by_ratio(nn_graph *g, nn_value x, double r) {
+    return r > 0 ? nn_affine(g, nn_log(g, nn_affine(g, x, 1 / r, 1)), r, 0) : x;
+}
+
+train_loss train_loss_build(nn_graph *g, nn_weights *weights, nn_value prediction, nn_value alone,
+                            const train_loss_params *params) {
     train_loss out = {0};
     nn_push(g, "loss");
-    nn_value raw = prediction;
-    if (nn_type_of(g, raw) == NN_BF16) {
-        raw = nn_cast(g, raw, NN_F32);
-    }
-    const nn_shape s = nn_shape_of(g, raw);
-    out.truth = nn_input(g, "truth", s);
-    const nn_value difference = nn_sub(g, train_encode(g, raw, params->encoding, params->mu),
-                                       train_encode(g, out.truth, params->encoding, params->mu));
-    out.total = out.l1 = nn_mean(g, nn_abs(g, difference), true, true, true, true);
+    const nn_value raw = exact(g, prediction);
+    out.truth = nn_input(g, "truth", nn_shape_of(g, raw));
+    const nn_value difference = difference_of(g, raw, out.truth, params);
+    out.total = out.l1 = l1_of(g, difference);
     nn_output(g, "l1", out.l1);
     if (params->no_l1) {
         out.total = nn_affine(g, out.l1, 0, 0); /* still told in the log */
@@ -31,9 +45,13 @@ train_loss train_loss_build(nn_graph *g, nn_weights *weights, nn_value predictio
         nn_output(g, "color", out.color);
         out.total = nn_add(g, out.total, nn_affine(g, out.color, params->color, 0));
     }
-    if (params->relative > 0) {
-        const nn_value ratio = nn_affine(g, out.total, 1 / params->relative, 1);
-        out.total = nn_affine(g, nn_log(g, ratio), params->relative, 0);
+    out.total = by_ratio(g, out.total, params->relative);
+    if (params->alone > 0 && alone != 0) {
+        const nn_value d = difference_of(g, exact(g, alone), out.truth, params);
+        out.alone = l1_of(g, d);
+        nn_output(g, "alone", out.alone);
+        const nn_value all = nn_add(g, out.alone, nn_affine(g, train_loss_wavelet(g, d, params->bands), params->wavelet, 0));
+        out.total = nn_add(g, out.total, nn_affine(g, by_ratio(g, all, params->relative), params->alone, 0));
     }
     nn_output(g, "total", out.total);
     nn_pop(g);

@@ -64,6 +64,7 @@ typedef struct train_loss_params {
     /* r > 0: the sum L of all parts counts as r log(1 + L/r): errors far above r by their ratio, as PSNR does, so that
      * a bracket which is nearly right is worth as much care as one which is beyond rescue. 0: as it is. */
     double relative;
+    double alone; /* weight of the same loss, without colour, of what a network's frames say without their guide */
     double bands[TRAIN_WAVELET_BANDS];
     train_msswd msswd;
 } train_loss_params;
@@ -71,10 +72,11 @@ typedef struct train_loss_params {
 typedef struct train_loss {
     nn_value truth;                     /* input {1, h, w, 4} */
     nn_value gains, matrix;             /* inputs; 0 without colour */
-    nn_value total, l1, wavelet, color; /* 0: left out */
+    nn_value total, l1, wavelet, color, alone; /* 0: left out */
 } train_loss;
 
-/* `prediction` is packed RAW of any type. The parts are outputs of the graph, too. */
-train_loss train_loss_build(nn_graph *g, nn_weights *weights, nn_value prediction, const train_loss_params *params);
+/* `prediction` is packed RAW of any type, and so is `alone`; 0: there is none. The parts are outputs of the graph, too. */
+train_loss train_loss_build(nn_graph *g, nn_weights *weights, nn_value prediction, nn_value alone,
+                            const train_loss_params *params);
 
 #endif

@@ -30,13 +30,14 @@ brace_status train_network_create(train_network *out, const train_config *config
     if (status == BRACE_OK) {
         nn_graph *g = out->graph;
         out->inputs = models_inputs_create(g, views, side, side);
-        out->prediction =
-            model != NULL ? model->build(model->user, g, &out->inputs) : models_build(g, &config->shape, &out->inputs);
+        nn_value alone = 0;
+        out->prediction = model != NULL ? model->build(model->user, g, &out->inputs)
+                                        : models_build_both(g, &config->shape, &out->inputs, &alone);
         if (nn_type_of(g, out->prediction) == NN_BF16) {
             out->prediction = nn_cast(g, out->prediction, NN_F32);
         }
         nn_output(g, "prediction", out->prediction);
-        out->loss = train_loss_build(g, out->weights, out->prediction, &config->loss);
+        out->loss = train_loss_build(g, out->weights, out->prediction, alone, &config->loss);
         status = nn_graph_plan(g, &(nn_plan_params){.loss = out->loss.total}, error);
     }
     if (status != BRACE_OK) {
@@ -74,7 +75,7 @@ brace_status train_network_run(train_network *n, const train_sample *sample, dou
     fill(g, n->loss.gains, sample->gains);
     fill(g, n->loss.matrix, sample->matrix);
     brace_status status = nn_forward(g, error);
-    const nn_value values[TRAIN_PARTS] = {n->loss.total, n->loss.l1, n->loss.wavelet, n->loss.color};
+    const nn_value values[TRAIN_PARTS] = {n->loss.total, n->loss.l1, n->loss.wavelet, n->loss.color, n->loss.alone};
     for (int i = 0; i < TRAIN_PARTS && status == BRACE_OK; i++) {
         parts[i] = values[i] != 0 ? (double)*(const float *)nn_data(g, values[i]) : 0;
     }

@@ -56,8 +56,8 @@ static brace_status save_state(run *r, brace_error *error) {
     const train_state *s = &r->state;
     path_of(path, r, "checkpoint.safetensors");
     snprintf(step, sizeof step, "%llu", (unsigned long long)s->step);
-    snprintf(numbers, sizeof numbers, "%u %a %a %a %a %a %a", s->steps_summed, s->sums[0], s->sums[1], s->sums[2],
-             s->sums[3], s->loss, s->psnr);
+    snprintf(numbers, sizeof numbers, "%u %a %a %a %a %a %a %a", s->steps_summed, s->sums[0], s->sums[1],
+             s->sums[2], s->sums[3], s->sums[4], s->loss, s->psnr);
     char *config = json_dumps(r->config->json, JSON_COMPACT | JSON_SORT_KEYS);
     if (config == NULL) {
         return core_fail_memory(error, 4096, "the configuration");
@@ -114,8 +114,8 @@ static brace_status load_state(run *r, const char *path, brace_error *error) {
     const char *step = core_safetensors_metadata(file, "step"), *numbers = core_safetensors_metadata(file, "numbers");
     unsigned long long n = 0;
     if (step == NULL || numbers == NULL || sscanf(step, "%llu", &n) != 1 || n > r->config->steps ||
-        sscanf(numbers, "%u %la %la %la %la %la %la", &s->steps_summed, &s->sums[0], &s->sums[1], &s->sums[2],
-               &s->sums[3], &s->loss, &s->psnr) != 7) {
+        sscanf(numbers, "%u %la %la %la %la %la %la %la", &s->steps_summed, &s->sums[0], &s->sums[1],
+               &s->sums[2], &s->sums[3], &s->sums[4], &s->loss, &s->psnr) != 8) {
         status = core_fail(error, BRACE_ERROR_FORMAT, "%s: no state of a training run", path);
     }
     s->step = n;
@@ -176,8 +176,9 @@ static brace_status end_epoch(run *r, brace_error *error) {
     if (!r->first) {
         return BRACE_OK;
     }
-    json_t *line = json_pack("{s:s,s:I,s:I,s:f,s:f,s:f,s:f}", "kind", "epoch", "step", (json_int_t)s->step, "epoch",
-                             (json_int_t)epoch, "loss", mean[0], "l1", mean[1], "wavelet", mean[2], "color", mean[3]);
+    json_t *line = json_pack("{s:s,s:I,s:I,s:f,s:f,s:f,s:f,s:f}", "kind", "epoch", "step", (json_int_t)s->step,
+                             "epoch", (json_int_t)epoch, "loss", mean[0], "l1", mean[1], "wavelet", mean[2], "color",
+                             mean[3], "alone", mean[4]);
     char path[PATH_MAX], name[64];
     brace_status status = BRACE_OK;
     const bool validate = epoch % (uint64_t)c->validation_epochs == 0 || s->step == c->steps;

@@ -90,8 +90,8 @@ typedef struct train_network {
 brace_status train_network_create(train_network *out, const train_config *config, const train_model *model,
                                   const brace_job *job, brace_error *error);
 void train_network_destroy(train_network *network);
-/* Forward; parts: total, L1, wavelet, colour. */
-enum { TRAIN_PARTS = 4 };
+/* Forward; parts: total, L1, wavelet, colour, and L1 of the frames alone. */
+enum { TRAIN_PARTS = 5 };
 brace_status train_network_run(train_network *network, const train_sample *sample, double parts[TRAIN_PARTS],
                                brace_error *error);
 /* Without the losses' own. f32, atomically. */

@@ -84,7 +84,7 @@ def run(name, network, inputs, keep):
 
 def small(name, h, w, keep=None, **changes):
     shape = dict(frames=5, channels=16, unshuffle=1, extract=1, frame=1, reconstruct=1, offset=1, groups=2, spynet=False,
-                 blend=False, mscam=False, prior=False, strip=0, balance=False, guide=False, sigma=False)
+                 blend=False, mscam=False, prior=False, strip=0, balance=False, guide=False, sigma=False, gate=False)
     shape["global"] = 2
     assert set(changes) <= set(shape)
     shape.update(changes)
@@ -114,6 +114,8 @@ small("blend", 12, 24, mscam=True, prior=True, strip=4, unshuffle=2, groups=0, b
 small("guide", 12, 8, frames=2, unshuffle=2, groups=0, blend=True, guide=True)
 small("sigma", 12, 16, frames=3, mscam=True, strip=4, unshuffle=2, groups=0, blend=True, balance=True, guide=True,
       sigma=True)
+small("gate", 12, 16, frames=3, mscam=True, strip=4, unshuffle=2, groups=0, blend=True, balance=True, guide=True,
+      sigma=True, gate=True)
 small("coarse", 16, 12, frames=2, mscam=True, strip=64, unshuffle=2, blend=True)
 small("quarter", 16, 24, frames=4, unshuffle=4, groups=0, blend=True, reconstruct=0, frame=0, **{"global": 0})
 

@@ -188,7 +188,11 @@ class Network(nn.Module):
         self.skipup1 = nn.Module()
         self.skipup1.upsample_conv = nn.Conv2d(4 * by * by, c, 3, padding=1)
         self.conv_hr = nn.Conv2d(c, c, 3, padding=1)
-        maps = 4 if not shape["blend"] else 8 * frames - 8 if shape["sigma"] else 4 * frames + 4
+        maps = 4 * frames + 4
+        if shape["sigma"]:
+            maps = 8 * frames if shape["gate"] else 8 * frames - 8
+        if not shape["blend"]:
+            maps = 4
         self.conv_last = nn.Conv2d(c, maps * by * by, 3, padding=1)
 
     def forward(self, frames, flow=None, white=None, descriptors=None, rho=None, balance=None, sigma=None):
@@ -239,13 +243,22 @@ class Network(nn.Module):
         maps = h.reshape(-1, 4, *h.shape[2:])
         level = white.reshape(-1, 1, 1, 1) ** (1 / GAMMA)
         trust = ((0.95 - v / level) / 0.15).clamp(0, 1)
+
+        def mixed(maps, count, guide):
+            begin = maps[:count].clone()
+            if guide:
+                begin[count - 1] = begin[count - 1] + 1
+            more = (trust[:count] * begin * (v[:count] - v[0]))[1:].sum(0)
+            return v[0] * (1 + maps[0]) + more + maps[count] / balance[1::2]
+
         if shape["sigma"]:
-            small, large = maps[:n - 1], maps[n - 1:]
+            small = maps[:n - 1]
             y = v[n - 1] + 8 * sigma[0] * (small[0] + ((trust * u)[1:n - 1] * small[1:]).sum(0))
-            y = y + large[0] / balance[1::2] + ((trust * d)[1:n - 1] * large[1:]).sum(0)
+            if shape["gate"]:
+                y = y + maps[2 * n - 1] * (mixed(maps[n - 1:2 * n - 1], n - 1, False) - y)
+            else:
+                large = maps[n - 1:]
+                y = y + large[0] / balance[1::2] + ((trust * d)[1:n - 1] * large[1:]).sum(0)
         else:
-            begin = maps.clone()
-            if shape["guide"]:
-                begin[n - 1] = begin[n - 1] + 1
-            y = v[0] * (1 + maps[0]) + (trust * begin[:n] * (v - v[0]))[1:].sum(0) + maps[n] / balance[1::2]
+            y = mixed(maps, n, shape["guide"])
         return (torch.sign(y) * y.abs() ** GAMMA)[None]

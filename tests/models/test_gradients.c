@@ -111,6 +111,8 @@ static void test_blend(void **state) {
     check(&s, 8, 12, 1);
     s.guide = s.sigma = s.balance = true;
     check(&s, 8, 12, 1);
+    s.gate = true;
+    check(&s, 8, 12, 1);
     s = tiny();
     s.blend = true, s.unshuffle = 2;
     check(&s, 8, 6, 1);

@@ -165,7 +165,7 @@ static void test_networks(void **state) {
         test_one(name, NN_F32);
         test_one(name, NN_BF16);
     }
-    assert_int_equal(count, 8);
+    assert_int_equal(count, 9);
 }
 
 /* torch.save({"state_dict": network.state_dict()}), as TMRNet's authors do it, with SPyNet's two constants. */

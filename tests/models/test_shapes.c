@@ -27,7 +27,7 @@ static void test_names(void **state) {
         const models_shape *tmrnet = &shapes[2 + i / 2];
         assert_true(bare.mscam && bare.prior);
         bare.mscam = bare.prior = false;
-        bare.strip = 0, bare.guide = bare.sigma = false;
+        bare.strip = 0, bare.guide = bare.sigma = bare.gate = false;
         assert_true(bare.balance && tmrnet->balance == (i > 0)); /* published weights know none */
         bare.balance = tmrnet->balance;
         assert_true(models_shape_equal(&bare, tmrnet));
@@ -47,13 +47,13 @@ static const models_shape every = {.frames = 7, .channels = 24, .unshuffle = 4, 
 
 static void test_round_trip(void **state) {
     (void)state;
-    for (int i = 0; i < 128; i++) { /* switches in every combination */
+    for (int i = 0; i < 256; i++) { /* switches in every combination */
         models_shape shape = every, back = {0};
         brace_error error = {0};
         shape.spynet = i & 1, shape.blend = i & 2, shape.mscam = i & 4, shape.prior = i & 8, shape.guide = i & 16,
-        shape.balance = i & 32, shape.sigma = i & 64;
+        shape.balance = i & 32, shape.sigma = i & 64, shape.gate = i & 128;
         json_t *json = models_shape_json(&shape);
-        assert_int_equal(json_object_size(json), 17);
+        assert_int_equal(json_object_size(json), 18);
         char *text = json_dumps(json, 0);
         test_ok(models_shape_parse(&back, text, "network.json", &error), &error);
         assert_true(models_shape_equal(&shape, &back));
@@ -202,6 +202,8 @@ static void test_wrong_inputs(void **state) {
     cannot(&s, (nn_shape){5, 16, 16, 8}, (nn_shape){5, 16, 16, 2}, "missing"); /* white */
     s.guide = s.sigma = true, s.groups = 0;
     cannot(&s, (nn_shape){6, 16, 16, 8}, (nn_shape){6, 16, 16, 2}, "sigma"); /* is not there */
+    s.guide = s.sigma = false, s.gate = true;
+    cannot(&s, (nn_shape){5, 16, 16, 8}, (nn_shape){5, 16, 16, 2}, "a gate without sigma");
     s = test_shape();
     s.blend = s.balance = true;
     cannot(&s, (nn_shape){5, 16, 16, 8}, (nn_shape){5, 16, 16, 2}, "no white balance");
@@ -328,7 +330,7 @@ static void test_out_of_memory_for_json(void **state) {
     }
     json_set_alloc_funcs(malloc, free);
     assert_true(n > 16);
-    assert_int_equal(json_object_size(json), 17);
+    assert_int_equal(json_object_size(json), 18);
     json_decref(json);
 }
 

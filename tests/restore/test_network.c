@@ -248,7 +248,7 @@ static void test_untaught(void **state) {
     (void)state;
     models_shape shape = small_shape(true);
     save_network("guided.safetensors", &shape, false, 128);
-    shape.guide = shape.sigma = false;
+    shape.guide = shape.sigma = shape.gate = false;
     save_network("untaught.safetensors", &shape, false, 128);
     for (int run = 0; run < 4; run++) {
         scene s = screen;
@@ -296,7 +296,7 @@ static void test_seams(void **state) {
     for (int kind = 0; kind < 3; kind++) {
         const bool mscam = kind == 1;
         models_shape shape = small_shape(kind > 0);
-        shape.mscam = mscam, shape.sigma = kind == 2;
+        shape.mscam = mscam, shape.sigma = shape.gate = kind == 2;
         save_network("seams.safetensors", &shape, true, 64);
         brace_restored *whole = restore(b, "seams.safetensors", NULL, 2);
         assert_int_equal(whole->report.tiles, 1);

@@ -242,7 +242,7 @@ static void check_gradient(train_loss_params params, const char *what) {
     built b;
     begin(&b, NN_F64, (nn_shape){1, SIDE, SIDE, 4});
     ok(train_msswd_draw(b.weights, "loss.", &params.msswd, 1, &error), &error);
-    b.loss = train_loss_build(b.g, b.weights, b.raw, &params);
+    b.loss = train_loss_build(b.g, b.weights, b.raw, nn_affine(b.g, b.raw, 0.7, 0.1), &params);
     b.y = b.loss.total;
     ok(nn_graph_error(b.g, &error), &error);
     plan(&b, b.loss.total);
@@ -290,17 +290,20 @@ static void test_gradients(void **state) {
     check_gradient(p, "both stages");
     p.relative = 0.5;
     check_gradient(p, "relative");
+    p.alone = 0.3;
+    check_gradient(p, "two answers");
 }
 
 /* The parts make up the total, of which the ratio may count, and equal pictures cost nothing. */
-static void check_total(double relative) {
+static void check_total(double relative, double alone) {
     brace_error error = {0};
-    train_loss_params p = {.mu = 5000, .wavelet = 0.5, .color = 0.05, .relative = relative, .msswd = {2, 8}};
+    train_loss_params p = {.mu = 5000, .wavelet = 0.5, .color = 0.05, .relative = relative, .alone = alone, .msswd = {2, 8}};
     memcpy(p.bands, train_wavelet_weights, sizeof p.bands);
     built b;
     begin(&b, NN_BF16, (nn_shape){1, SIDE, SIDE, 4});
     ok(train_msswd_draw(b.weights, "loss.", &p.msswd, 1, &error), &error);
-    b.loss = train_loss_build(b.g, b.weights, nn_cast(b.g, b.raw, NN_BF16), &p);
+    const nn_value answer = nn_cast(b.g, b.raw, NN_BF16);
+    b.loss = train_loss_build(b.g, b.weights, answer, answer, &p);
     b.y = b.loss.total;
     plan(&b, b.loss.total);
     fill(&b, b.raw, 8, 0, 1);
@@ -311,8 +314,10 @@ static void check_total(double relative) {
     const float *total = nn_data(b.g, b.loss.total), *l1 = nn_data(b.g, b.loss.l1),
                 *wavelet = nn_data(b.g, b.loss.wavelet), *color = nn_data(b.g, b.loss.color);
     assert_true(*l1 > 0.05f && *wavelet > 0.005f && *color > 1);
-    const double sum = (double)*l1 + 0.5 * (double)*wavelet + 0.05 * (double)*color;
-    assert_true(fabs((double)*total - (relative > 0 ? relative * log(1 + sum / relative) : sum)) < 1e-5);
+    const double plain = (double)*l1 + 0.5 * (double)*wavelet, sum = plain + 0.05 * (double)*color;
+    double want = relative > 0 ? relative * log(1 + sum / relative) : sum;
+    want += alone * (relative > 0 ? relative * log(1 + plain / relative) : plain);
+    assert_true(fabs((double)*total - want) < 1e-5);
     for (int i = 0; i < SIDE * SIDE * 4; i++) { /* numbers that bf16 holds */
         ((float *)nn_data(b.g, b.raw))[i] = ((float *)nn_data(b.g, b.loss.truth))[i] = (float)(i % 16) / 16;
     }
@@ -323,8 +328,9 @@ static void check_total(double relative) {
 
 static void test_total(void **state) {
     (void)state;
-    check_total(0);
-    check_total(0.01);
+    check_total(0, 0);
+    check_total(0.01, 0);
+    check_total(0.01, 0.5);
 }
 
 int main(void) {

@@ -383,6 +383,7 @@ static void test_config(void **state) {
         {"{\"model\":\"a\",\"epochs\":2,\"optimizer\":{\"warmup_epochs\":2}}", "only 2 epochs"},
         {"{\"model\":\"a\",\"precision\":\"f16\"}", "bf16"},
         {"{\"model\":\"a\",\"loss\":{\"wavelet_weights\":[1,2]}}", "wavelet_weights"},
+        {"{\"model\":\"tmrnet-s\",\"loss\":{\"alone\":0.5}}", "one answer"},
     };
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         brace_error error = {0};
