@@ -16,7 +16,8 @@
  * rows look like banding. So each frame is compared with the next shorter one
  * too, as they are: light that was unsteady during an exposure was no steadier
  * during a shorter one at another time, and must show as a difference of the two.
- * What does not is not believed.
+ * What does not is not believed. Where three in a row agree at different times, light was steady, whatever little a longer
+ * one measured there.
  *
  * Rows in which every longer frame clips altogether (a white page) are left to
  * periodic.c.
@@ -46,6 +47,7 @@ typedef struct light_job {
     v4 *above, *below;             /* a row and zone: sums of w Y L and of w L^2 */
     v4 *gain_rows;                 /* a row for each worker */
     uint32_t (*histogram)[HISTOGRAM];
+    float *ratio;                  /* of each frame to the next longer one as they are, row by zone; 0: not told */
 } light_job;
 
 static v4 light_trust(const uint8_t *trust, v4 weight) {
@@ -131,6 +133,27 @@ static void drop_nonsense(light_job *job) {
         return;
     memset(job->above, 0, height * zones * sizeof(v4));
     memset(job->below, 0, height * zones * sizeof(v4));
+}
+
+/* Frames whose ratios are further from 1 than this don't agree: those of the longest of three and the other two's. */
+static const float unlike = 0.15f, more_unlike = 0.22f;
+
+/* Agreement is never better than this. */
+static const float finest = 0.02f;
+
+/* Said of frame i as a measurement of 1, as sure as it and the two frames before it agree. What longer frames say may be
+ * of a dark wall beside a bright display, which has other light and is all that doesn't clip. */
+static void add_agreement(light_job *job, size_t i) {
+    const size_t cells = (size_t)job->view->zones * job->view->light.height;
+    const float *near = job->ratio + (i - 1) * cells, *far = near - cells;
+    for (size_t k = 0; k < cells; k++) {
+        const float a = near[k] - 1, b = far[k] - 1;
+        if (near[k] > 0 && far[k] > 0 && fabsf(a) < unlike && fabsf(b) < more_unlike) {
+            const float sure = 1 / (a * a + b * b + finest * finest);
+            const v4 each = v4_set(0.25f / (float)independent * sure);
+            job->above[k] += each, job->below[k] += each;
+        }
+    }
 }
 
 /* How far rows differ from 1, zones from their row and colours from their zone, as variances. */
@@ -349,6 +372,14 @@ typedef struct light_limit {
     double banding;
 } light_limit;
 
+static void keep_ratios(const light_job *job, size_t i) {
+    const size_t cells = (size_t)job->view->zones * job->view->light.height;
+    for (size_t k = 0; k < cells; k++) {
+        const float below = v4_sum(job->below[k]);
+        job->ratio[i * cells + k] = independent * (double)below > 25 ? v4_sum(job->above[k]) / below : 0;
+    }
+}
+
 static void light_limits(light_job *job, restore_view *views, size_t count, light_limit *most, float *bright,
                          core_pool *pool) {
     const size_t height = views[0].light.height;
@@ -359,6 +390,7 @@ static void light_limits(light_job *job, restore_view *views, size_t count, ligh
         core_parallel(pool, height, 16, alone_rows, job);
         row_brightness(job->view, bright, bright + height);
         core_parallel(pool, height, 8, measure_rows, job);
+        keep_ratios(job, i - 1);
         double pixels = 0, measured = 0, below;
         for (size_t y = 0; y < height; y++) {
             light_row(job, y, &below);
@@ -388,9 +420,10 @@ brace_status restore_light(restore_view *views, size_t count, restore_picture *s
     job.below = core_alloc(height * zones, sizeof(v4));
     job.gain_rows = core_alloc((size_t)workers * width, sizeof(v4));
     job.histogram = core_alloc((size_t)workers, sizeof *job.histogram);
+    job.ratio = core_alloc(count * height * zones, sizeof(float));
     job.bright = bright;
-    if (!bright || !prior || !job.above || !job.below || !job.gain_rows || !job.histogram) {
-        status = core_fail_memory(error, height * zones * 40, "measuring the light");
+    if (!bright || !prior || !job.above || !job.below || !job.gain_rows || !job.histogram || !job.ratio) {
+        status = core_fail_memory(error, height * zones * 60, "measuring the light");
         goto done;
     }
     for (size_t i = 0; i < count && !status; i++) {
@@ -413,6 +446,8 @@ brace_status restore_light(restore_view *views, size_t count, restore_picture *s
         row_brightness(view, bright, bright + height);
         core_parallel(pool, height, 8, measure_rows, &job);
         drop_nonsense(&job);
+        if (i >= 2)
+            add_agreement(&job, i);
         for (size_t k = 0; k < height * zones; k++)
             prior[k] = 1;
         double covered = light_gains(&job, prior, 0, &most[i].spread), periodic = 0;
@@ -445,6 +480,6 @@ brace_status restore_light(restore_view *views, size_t count, restore_picture *s
         views[i].banding = fminf(views[i].banding, views[i - 1].banding);
 done:
     core_free(bright), core_free(prior), core_free(job.above), core_free(job.below);
-    core_free(job.gain_rows), core_free(job.histogram);
+    core_free(job.gain_rows), core_free(job.histogram), core_free(job.ratio);
     return status;
 }

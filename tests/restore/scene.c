@@ -21,13 +21,15 @@ double scene_light(const scene *s, double x, double y, int color) {
     if (s->bezel) {
         return (y < 0.7 * s->height ? s->level : 0.004) * tint;
     }
-    if (s->paper) {
+    if (s->paper || s->lamp > 0) {
         /* Lines of text, slightly tilted, each glyph a bar; a margin around. */
         double u = x / s->width, v = y / s->height;
         if (u < 0.06 || u > 0.95 || v < 0.05 || v > 0.94)
-            return 0.02 * s->level * tint;
+            return s->lamp > 0 ? s->lamp * tint : 0.02 * s->level * tint;
         double v_line = (y + 0.02 * x) / 17, glyph = sin(0.61 * x + 11 * floor(v_line));
         double ink = 1 / (1 + exp(-6 * (sin(6.2832 * v_line) - 0.1))) / (1 + exp(-5 * (glyph - 0.1)));
+        if (s->lamp > 0)
+            return tint * (s->lamp + s->level * ink); /* a terminal */
         return s->level * tint * (1 - 0.9 * ink);
     }
     double texture = 0.3 * wave(x, y, 0.031, 0.017, color) + 0.3 * wave(x, y, -0.05, 0.09, 2) +
@@ -70,7 +72,8 @@ brace_bracket *scene_bracket(const scene *s) {
                     gain = (y / 3 + 3 * (uint32_t)i + 5 * (x / 20) + 3 * (uint32_t)color) % 8 == 0 ? 8 : 0.01;
                 for (int k = 0; k < steps; k++)
                     light += scene_light(s, at_x, at_y + s->smear * (i - 2) * ((k + 0.5) / steps - 0.5), color) / steps;
-                double v = ratio * gain * light;
+                double tint = color == 0 ? 0.8 : color == 1 ? 1 : 0.7;
+                double v = s->lamp > 0 ? ratio * (light + (gain - 1) * s->lamp * tint) : ratio * gain * light;
                 core_random r = core_random_create(s->seed, (uint32_t)i, x, y);
                 if (!s->no_noise)
                     v += core_random_normal(&r) * sqrt(1e-4 * v + 1e-7);

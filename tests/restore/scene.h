@@ -17,6 +17,7 @@ typedef struct scene {
     bool flashes;     /* the shorter frames meet one line in eight of the light, eightfold, each block and colour in turn */
     bool paper;       /* bright page with rows of ink instead of texture all over */
     bool bezel;       /* a bright page above a dark bezel, the same all along the rows */
+    double lamp;      /* light of a lamp that the display mirrors everywhere; it pulses, and the display is steady */
     double slip;      /* the longest frame is moved down by so many pixels more */
     bool no_noise;
     uint64_t seed;

@@ -104,6 +104,14 @@ static void test_slipped_long_frame(void **state) {
                     .width = 384, .height = 320, .level = 0.6, .bezel = true, .slip = -14, .seed = 13}) > 0);
 }
 
+static void test_lamp_on_a_terminal(void **state) {
+    (void)state;
+    /* Bright text on a steady display: all that is dark enough for the longest frames is the black around it, which mirrors
+     * a lamp. Its flicker is not the text's. */
+    assert_true(gain_of_merge(&(scene){.width = 256, .height = 192, .level = 0.5, .lamp = 0.01, .pulses = 1.7,
+                                       .duty = 0.8, .reference = 0.3, .seed = 14}) > 0);
+}
+
 static void test_flashes(void **state) {
     (void)state;
     /* The reference clips in places, and the shorter frames met the light's pulses in few of their rows only: where
@@ -347,6 +355,7 @@ int main(void) {
         cmocka_unit_test(test_steady_white_page),
         cmocka_unit_test(test_smeared_long_frames),
         cmocka_unit_test(test_slipped_long_frame),
+        cmocka_unit_test(test_lamp_on_a_terminal),
         cmocka_unit_test(test_flashes),
         cmocka_unit_test(test_highlights),
         cmocka_unit_test(test_expected_errors),
