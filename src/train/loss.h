@@ -64,7 +64,7 @@ typedef struct train_loss_params {
     /* r > 0: the sum L of all parts counts as r log(1 + L/r): errors far above r by their ratio, as PSNR does, so that
      * a bracket which is nearly right is worth as much care as one which is beyond rescue. 0: as it is. */
     double relative;
-    double alone; /* weight of the same loss, without colour, of what a network's frames say without their guide */
+    double alone; /* weight of the same loss, without colour, of what a network's frames say without their guide; 0: left out */
     double bands[TRAIN_WAVELET_BANDS];
     train_msswd msswd;
 } train_loss_params;

@@ -295,9 +295,10 @@ static void test_gradients(void **state) {
 }
 
 /* The parts make up the total, of which the ratio may count, and equal pictures cost nothing. */
-static void check_total(double relative, double alone) {
+static void check_total(double relative, double alone, bool no_l1) {
     brace_error error = {0};
-    train_loss_params p = {.mu = 5000, .wavelet = 0.5, .color = 0.05, .relative = relative, .alone = alone, .msswd = {2, 8}};
+    train_loss_params p = {.mu = 5000, .wavelet = 0.5, .color = 0.05, .relative = relative, .alone = alone,
+                           .no_l1 = no_l1, .msswd = {2, 8}};
     memcpy(p.bands, train_wavelet_weights, sizeof p.bands);
     built b;
     begin(&b, NN_BF16, (nn_shape){1, SIDE, SIDE, 4});
@@ -314,7 +315,7 @@ static void check_total(double relative, double alone) {
     const float *total = nn_data(b.g, b.loss.total), *l1 = nn_data(b.g, b.loss.l1),
                 *wavelet = nn_data(b.g, b.loss.wavelet), *color = nn_data(b.g, b.loss.color);
     assert_true(*l1 > 0.05f && *wavelet > 0.005f && *color > 1);
-    const double plain = (double)*l1 + 0.5 * (double)*wavelet, sum = plain + 0.05 * (double)*color;
+    const double plain = (no_l1 ? 0 : (double)*l1) + 0.5 * (double)*wavelet, sum = plain + 0.05 * (double)*color;
     double want = relative > 0 ? relative * log(1 + sum / relative) : sum;
     want += alone * (relative > 0 ? relative * log(1 + plain / relative) : plain);
     assert_true(fabs((double)*total - want) < 1e-5);
@@ -328,9 +329,10 @@ static void check_total(double relative, double alone) {
 
 static void test_total(void **state) {
     (void)state;
-    check_total(0, 0);
-    check_total(0.01, 0);
-    check_total(0.01, 0.5);
+    check_total(0, 0, false);
+    check_total(0.01, 0, false);
+    check_total(0.01, 0.5, false);
+    check_total(0, 0.5, true);
 }
 
 int main(void) {
