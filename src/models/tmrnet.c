@@ -171,6 +171,12 @@ static nn_value mixture(nn_graph *g, nn_value maps, nn_value x) {
     return sum;
 }
 
+/* Small steps away from the guide, 8 sigma (a_0 + sum_i m_i a_i u_i), from maps a. */
+static nn_value small_steps(nn_graph *g, nn_value a, nn_value m, nn_value u, nn_value sigma) {
+    const nn_value sum = nn_add(g, nn_slice(g, a, NN_AXIS_C, 0, 4, 1), mixture(g, a, nn_mul(g, m, u)));
+    return nn_mul(g, sum, nn_affine(g, sigma, reach, 0));
+}
+
 /* y of the header with sigma, from maps {1, h, w, 8 (views - 1)}: a_0, a_i, c_0, c_i. */
 static nn_value blend_doubt(nn_graph *g, const models_shape *shape, nn_value maps, nn_value frames, nn_value d,
                             nn_value u, const models_inputs *in) {
@@ -178,47 +184,42 @@ static nn_value blend_doubt(nn_graph *g, const models_shape *shape, nn_value map
     const int views = models_views(shape), half = 4 * views - 4;
     const nn_value a = nn_slice(g, maps, NN_AXIS_C, 0, half, 1), c = nn_slice(g, maps, NN_AXIS_C, half, 2 * half, 1);
     const nn_value c_0 = unbalanced(g, shape, in, nn_slice(g, c, NN_AXIS_C, 0, 4, 1));
-    const nn_value small = nn_add(g, nn_slice(g, a, NN_AXIS_C, 0, 4, 1), mixture(g, a, nn_mul(g, m, u)));
     const nn_value large = nn_add(g, c_0, mixture(g, c, nn_mul(g, m, d)));
     const nn_value guide = nn_slice(g, all, NN_AXIS_N, views - 1, views, 1);
-    const nn_value steps = nn_add(g, nn_mul(g, small, nn_affine(g, in->sigma, reach, 0)), large);
-    return uncurved(g, nn_add(g, guide, steps));
+    return uncurved(g, nn_add(g, guide, nn_add(g, small_steps(g, a, m, u, in->sigma), large)));
 }
 
-/* y of the header without sigma, from maps {1, h, w, 4 views + 4} of views under the gamma curve; `guide`: the last view
- * is one. */
-static nn_value mixed(nn_graph *g, const models_shape *shape, nn_value maps, nn_value all, nn_value white, bool guide,
-                      const models_inputs *in) {
-    const nn_value first = nn_slice(g, all, NN_AXIS_N, 0, 1, 1), moved = others(g, all);
-    const nn_value more = nn_mul(g, nn_sub(g, moved, first), unclipped(g, moved, others(g, white)));
+/* y of the header without sigma, under the gamma curve, from maps {1, h, w, 4 n + 4} of the first n views and m of all of
+ * these but the reference. */
+static nn_value mix_views(nn_graph *g, const models_shape *shape, nn_value maps, nn_value views, nn_value m,
+                          const models_inputs *in) {
+    const nn_value first = nn_slice(g, views, NN_AXIS_N, 0, 1, 1);
+    const nn_value more = nn_mul(g, nn_sub(g, others(g, views), first), m);
     nn_value y = nn_mul(g, first, nn_affine(g, nn_slice(g, maps, NN_AXIS_C, 0, 4, 1), 1, 1));
-    const int views = nn_shape_of(g, all).n;
-    for (int i = 1; i < views; i++) {
-        const nn_value map = nn_slice(g, maps, NN_AXIS_C, 4 * i, 4 * i + 4, 1);
-        const nn_value share = guide && i == views - 1 ? nn_affine(g, map, 1, 1) : map;
+    const int n = nn_shape_of(g, views).n;
+    for (int i = 1; i < n; i++) {
+        const bool guide = shape->guide && i == models_views(shape) - 1;
+        const nn_value map = nn_slice(g, maps, NN_AXIS_C, 4 * i, 4 * i + 4, 1), share = guide ? nn_affine(g, map, 1, 1) : map;
         y = nn_add(g, y, nn_mul(g, nn_slice(g, more, NN_AXIS_N, i - 1, i, 1), share));
     }
-    return nn_add(g, y, unbalanced(g, shape, in, nn_slice(g, maps, NN_AXIS_C, 4 * views, 4 * views + 4, 1)));
+    return nn_add(g, y, unbalanced(g, shape, in, nn_slice(g, maps, NN_AXIS_C, 4 * n, 4 * n + 4, 1)));
 }
 
 static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, nn_value frames, const models_inputs *in) {
-    const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2);
-    return uncurved(g, mixed(g, shape, maps, all, in->white, shape->guide, in));
+    const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2), m = unclipped(g, others(g, all), others(g, in->white));
+    return uncurved(g, mix_views(g, shape, maps, all, m, in));
 }
 
-/* The guide with small steps, the frames' own blend, and the gate t between them, from maps {1, h, w, 8 views}: a_0, a_i;
- * those of the blend; t. */
+/* y of the header with a gate, from maps {1, h, w, 8 views}: a_0, a_i; those of the frames' own blend; t. */
 static nn_value blend_gate(nn_graph *g, const models_shape *shape, nn_value maps, nn_value frames, nn_value u,
                            const models_inputs *in, nn_value *alone) {
     const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2), m = unclipped(g, all, in->white);
     const int views = models_views(shape), n = views - 1;
     const nn_value a = nn_slice(g, maps, NN_AXIS_C, 0, 4 * n, 1), b = nn_slice(g, maps, NN_AXIS_C, 4 * n, 8 * n + 4, 1);
     const nn_value t = nn_slice(g, maps, NN_AXIS_C, 8 * n + 4, 8 * views, 1);
-    const nn_value small = nn_add(g, nn_slice(g, a, NN_AXIS_C, 0, 4, 1), mixture(g, a, nn_mul(g, m, u)));
     const nn_value guide = nn_slice(g, all, NN_AXIS_N, n, views, 1);
-    const nn_value merged = nn_add(g, guide, nn_mul(g, small, nn_affine(g, in->sigma, reach, 0)));
-    const nn_value own = mixed(g, shape, b, nn_slice(g, all, NN_AXIS_N, 0, n, 1), nn_slice(g, in->white, NN_AXIS_N, 0, n, 1),
-                               false, in);
+    const nn_value merged = nn_add(g, guide, small_steps(g, a, m, u, in->sigma));
+    const nn_value own = mix_views(g, shape, b, nn_slice(g, all, NN_AXIS_N, 0, n, 1), nn_slice(g, m, NN_AXIS_N, 1, n, 1), in);
     *alone = uncurved(g, own);
     return uncurved(g, nn_add(g, merged, nn_mul(g, t, nn_sub(g, own, merged))));
 }
@@ -283,10 +284,7 @@ nn_value models_build_both(nn_graph *g, const models_shape *shape, const models_
     f = models_residual_blocks(g, "reconstruction", aggregate(g, shape, f), c, shape->reconstruct);
 
     const int views = models_views(shape);
-    const int result = !shape->blend  ? 4
-                       : shape->gate  ? 8 * views
-                       : shape->sigma ? 8 * views - 8
-                                      : 4 * views + 4;
+    const int result = !shape->blend ? 4 : shape->gate ? 8 * views : shape->sigma ? 8 * views - 8 : 4 * views + 4;
     f = nn_conv2d(g, nn_cast(g, unshuffle(g, first, by), nn_graph_type(g)),
                   &(nn_conv){.name = "skipup1.upsample_conv", .out = c, .kernel = 3, .pad = 1, .residual = f,
                              .init = NN_INIT_HE_FAN_IN});

@@ -150,7 +150,7 @@ static void add_agreement(light_job *job, size_t i) {
         const float a = near[k] - 1, b = far[k] - 1;
         if (near[k] > 0 && far[k] > 0 && fabsf(a) < unlike && fabsf(b) < more_unlike) {
             const float sure = 1 / (a * a + b * b + finest * finest);
-            const v4 each = v4_set(0.25f / (float)independent * sure);
+            const v4 each = v4_set(0.25f / (float)independent * sure); /* of four samples, discounted as measured ones are */
             job->above[k] += each, job->below[k] += each;
         }
     }
@@ -372,6 +372,7 @@ typedef struct light_limit {
     double banding;
 } light_limit;
 
+/* Of frame i, which was just measured against the next longer one. */
 static void keep_ratios(const light_job *job, size_t i) {
     const size_t cells = (size_t)job->view->zones * job->view->light.height;
     for (size_t k = 0; k < cells; k++) {

@@ -16,8 +16,12 @@ static double wave(double x, double y, double fx, double fy, double phase) {
     return 0.5 + 0.5 * sin(fx * x + fy * y + phase);
 }
 
+static double tint_of(int color) {
+    return color == 0 ? 0.8 : color == 1 ? 1 : 0.7;
+}
+
 double scene_light(const scene *s, double x, double y, int color) {
-    double tint = color == 0 ? 0.8 : color == 1 ? 1 : 0.7;
+    double tint = tint_of(color);
     if (s->bezel) {
         return (y < 0.7 * s->height ? s->level : 0.004) * tint;
     }
@@ -72,8 +76,7 @@ brace_bracket *scene_bracket(const scene *s) {
                     gain = (y / 3 + 3 * (uint32_t)i + 5 * (x / 20) + 3 * (uint32_t)color) % 8 == 0 ? 8 : 0.01;
                 for (int k = 0; k < steps; k++)
                     light += scene_light(s, at_x, at_y + s->smear * (i - 2) * ((k + 0.5) / steps - 0.5), color) / steps;
-                double tint = color == 0 ? 0.8 : color == 1 ? 1 : 0.7;
-                double v = s->lamp > 0 ? ratio * (light + (gain - 1) * s->lamp * tint) : ratio * gain * light;
+                double seen = s->lamp > 0 ? light + (gain - 1) * s->lamp * tint_of(color) : gain * light, v = ratio * seen;
                 core_random r = core_random_create(s->seed, (uint32_t)i, x, y);
                 if (!s->no_noise)
                     v += core_random_normal(&r) * sqrt(1e-4 * v + 1e-7);
