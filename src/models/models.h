@@ -86,9 +86,13 @@ void models_balance(float balance[8], const double gains[3]);
 
 /* The picture of the reference without banding, packed RAW {1, h, w, 4}, linear. */
 nn_value models_build(nn_graph *g, const models_shape *shape, const models_inputs *inputs);
-/* The same; with `gate`, *alone is what the frames say without the guide, which training shows the truth, too. 0: there
- * is none. */
-nn_value models_build_both(nn_graph *g, const models_shape *shape, const models_inputs *inputs, nn_value *alone);
+/* What a gate chooses from, packed RAW as the result: the guide's answer, and what the frames say without the guide. 0:
+ * there is no gate. */
+typedef struct models_answers {
+    nn_value guided, alone;
+} models_answers;
+/* The same, and the answers, of which training tells more than the result does. */
+nn_value models_build_both(nn_graph *g, const models_shape *shape, const models_inputs *inputs, models_answers *answers);
 
 /* ---- parts ---- */
 

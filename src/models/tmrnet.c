@@ -28,11 +28,11 @@
  * shown to the network beside frame i. The reference is not listened to: where it is right the guide is the reference
  * already, and its stripes are what is to be removed.
  *
- * With a gate, there are two answers, and a map t, 0 at first, that leaves the first for the second where merging failed:
+ * With a gate, there are two answers, and a map, 0 at first, that leaves the first for the second where merging failed:
  *
  *   y_g = v_g + 8 sigma (a_0 + sum_i m_i a_i u_i)
  *   y_f = the blend of the frames without guide, as above
- *   y = y_g + t (y_f - y_g)
+ *   y = y_g + t (y_f - y_g),  t: the map, cut to [0, 1]
  */
 #include "models/models.h"
 
@@ -210,17 +210,22 @@ static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, nn_
     return uncurved(g, mix_views(g, shape, maps, all, m, in));
 }
 
+/* A map cut to [0, 1], so that a gate can be shut; a slope of 1/100 beyond lets one that is shut learn to open again. */
+static nn_value opening(nn_graph *g, nn_value map) {
+    return nn_add(g, nn_affine(g, nn_clamp(g, map, 0, 1), 0.99, 0), nn_affine(g, map, 0.01, 0));
+}
+
 /* y of the header with a gate, from maps {1, h, w, 8 views}: a_0, a_i; those of the frames' own blend; t. */
 static nn_value blend_gate(nn_graph *g, const models_shape *shape, nn_value maps, nn_value frames, nn_value u,
-                           const models_inputs *in, nn_value *alone) {
+                           const models_inputs *in, models_answers *out) {
     const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2), m = unclipped(g, all, in->white);
     const int views = models_views(shape), n = views - 1;
     const nn_value a = nn_slice(g, maps, NN_AXIS_C, 0, 4 * n, 1), b = nn_slice(g, maps, NN_AXIS_C, 4 * n, 8 * n + 4, 1);
-    const nn_value t = nn_slice(g, maps, NN_AXIS_C, 8 * n + 4, 8 * views, 1);
+    const nn_value t = opening(g, nn_slice(g, maps, NN_AXIS_C, 8 * n + 4, 8 * views, 1));
     const nn_value guide = nn_slice(g, all, NN_AXIS_N, n, views, 1);
     const nn_value merged = nn_add(g, guide, small_steps(g, a, m, u, in->sigma));
     const nn_value own = mix_views(g, shape, b, nn_slice(g, all, NN_AXIS_N, 0, n, 1), nn_slice(g, m, NN_AXIS_N, 1, n, 1), in);
-    *alone = uncurved(g, own);
+    out->guided = uncurved(g, merged), out->alone = uncurved(g, own);
     return uncurved(g, nn_add(g, merged, nn_mul(g, t, nn_sub(g, own, merged))));
 }
 
@@ -246,12 +251,12 @@ static bool fits(nn_graph *g, const models_shape *shape, const models_inputs *in
 }
 
 nn_value models_build(nn_graph *g, const models_shape *shape, const models_inputs *in) {
-    nn_value alone;
-    return models_build_both(g, shape, in, &alone);
+    models_answers answers;
+    return models_build_both(g, shape, in, &answers);
 }
 
-nn_value models_build_both(nn_graph *g, const models_shape *shape, const models_inputs *in, nn_value *alone) {
-    *alone = 0;
+nn_value models_build_both(nn_graph *g, const models_shape *shape, const models_inputs *in, models_answers *answers) {
+    *answers = (models_answers){0};
     if (!fits(g, shape, in)) {
         return 0;
     }
@@ -298,7 +303,7 @@ nn_value models_build_both(nn_graph *g, const models_shape *shape, const models_
         return shape->balance ? nn_div(g, f, nn_slice(g, in->balance, NN_AXIS_C, 0, 8, 2)) : f;
     }
     if (shape->gate) {
-        return blend_gate(g, shape, f, moved, u, in, alone);
+        return blend_gate(g, shape, f, moved, u, in, answers);
     }
     if (shape->sigma) {
         return blend_doubt(g, shape, f, moved, d, u, in);

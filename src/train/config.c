@@ -18,9 +18,31 @@ static void read_network(train_config *c, const json_at *root) {
     }
 }
 
+/* A folder, or a list of folders. */
+static void read_packed(train_source_params *d, const json_at *data) {
+    const json_t *packed = json_object_get(data->value, "packed");
+    if (!json_is_array(packed)) {
+        const char *folder = json_check_string(data, "packed", 4096, "");
+        d->packed[0] = folder[0] != '\0' ? folder : NULL;
+        return;
+    }
+    const size_t count = json_array_size(packed);
+    if (count < 1 || count > TRAIN_SETS_MAX) {
+        json_check_fail(data, "packed", "1 to %d folders are expected, not %zu", TRAIN_SETS_MAX, count);
+        return;
+    }
+    for (size_t i = 0; i < count; i++) {
+        d->packed[i] = json_string_value(json_array_get(packed, i));
+        if (d->packed[i] == NULL || d->packed[i][0] == '\0') {
+            json_check_fail(data, "packed", "folder %zu is no name", i + 1);
+            return;
+        }
+    }
+}
+
 static void read_data(train_config *c, const json_at *root) {
     static const char *const keys[] = {"packed", "screens", "priors",  "width",     "height",  "field", "test_share",
-                                       "crop",   "crops",   "augment", "transpose", "threads", NULL};
+                                       "crop",   "crops",   "augment", "transpose", "halve",   "threads", NULL};
     json_at data;
     train_source_params *d = &c->data;
     d->frames = 5, d->side = 128, d->crops = 4, d->mirrored = d->transposed = true, d->seed = c->seed;
@@ -34,10 +56,9 @@ static void read_data(train_config *c, const json_at *root) {
         return; /* rendered, of the screens that are there */
     }
     json_check_only(&data, keys);
-    const char *packed = json_check_string(&data, "packed", 4096, "");
+    read_packed(d, &data);
     const char *screens = json_check_string(&data, "screens", 4096, "");
     const char *priors = json_check_string(&data, "priors", 4096, "");
-    d->packed = packed[0] != '\0' ? packed : NULL;
     d->screens = screens[0] != '\0' ? screens : NULL;
     d->priors = priors[0] != '\0' ? priors : NULL;
     d->width = (uint32_t)json_check_integer(&data, "width", 32, 16384, 1024);
@@ -48,12 +69,13 @@ static void read_data(train_config *c, const json_at *root) {
     d->crops = (int)json_check_integer(&data, "crops", 1, 64, 4);
     d->mirrored = json_check_bool(&data, "augment", true);
     d->transposed = json_check_bool(&data, "transpose", true) && d->mirrored;
+    d->halved = json_check_number(&data, "halve", 0, 1, 0);
     c->data_threads = (int)json_check_integer(&data, "threads", 1, 64, 1);
     if (d->side % 16 != 0) {
         json_check_fail(&data, "crop", "%d is no multiple of 16", d->side);
     }
     static const char *const simulator[] = {"screens", "priors", "width", "height", "field", "test_share"};
-    for (size_t i = 0; i < sizeof simulator / sizeof *simulator && d->packed != NULL; i++) {
+    for (size_t i = 0; i < sizeof simulator / sizeof *simulator && d->packed[0] != NULL; i++) {
         if (json_object_get(data.value, simulator[i]) != NULL) {
             json_check_fail(&data, simulator[i], "this is for samples that are rendered, but \"packed\" is given");
         }
@@ -62,11 +84,13 @@ static void read_data(train_config *c, const json_at *root) {
 
 static void read_loss(train_config *c, const json_at *root) {
     static const char *const keys[] = {"encoding", "mu",           "wavelet",           "wavelet_weights", "l1",
-                                       "color",    "color_scales", "color_projections", "relative",        "alone", NULL};
+                                       "color",    "color_scales", "color_projections", "relative",        "alone",
+                                       "leave",    NULL};
     static const char *const encodings[] = {"gamma", "mu_law", NULL};
     train_loss_params *l = &c->loss;
     *l = (train_loss_params){.encoding = TRAIN_GAMMA, .mu = 5000, .wavelet = 0.5, .msswd = {5, 32}};
     memcpy(l->bands, train_wavelet_weights, sizeof l->bands);
+    l->alone = c->known && c->shape.gate ? 0.5 : 0;
     json_at loss;
     if (!json_check_object(root, "loss", &loss)) {
         return;
@@ -82,9 +106,10 @@ static void read_loss(train_config *c, const json_at *root) {
         json_check_fail(&loss, "l1", "nothing is left to learn from: wavelet and color are 0");
     }
     l->relative = json_check_number(&loss, "relative", 0, 1000, 0);
-    l->alone = json_check_number(&loss, "alone", 0, 1000, c->known && c->shape.gate ? 0.5 : 0);
-    if (l->alone > 0 && !(c->known && c->shape.gate)) {
-        json_check_fail(&loss, "alone", "a network without a gate has one answer only");
+    l->alone = json_check_number(&loss, "alone", 0, 1000, l->alone);
+    l->leave = json_check_number(&loss, "leave", 0, 1000, 0);
+    if ((l->alone > 0 || l->leave > 0) && !(c->known && c->shape.gate)) {
+        json_check_fail(&loss, l->alone > 0 ? "alone" : "leave", "a network without a gate has one answer only");
     }
     l->msswd.scales = (int)json_check_integer(&loss, "color_scales", 1, 8, 5);
     l->msswd.projections = (int)json_check_integer(&loss, "color_projections", 1, 512, 32);

@@ -15,12 +15,20 @@
 
 enum { STREAM_WINDOW = 0x54520001, STREAM_ORDER };
 
+/* A packed set. */
+typedef struct packed_set {
+    char *folder; /* a copy */
+    train_packed *packed;
+    train_motions *motions; /* NULL where they are not wanted, as guides */
+    train_guides *guides;
+} packed_set;
+
 struct train_source {
     train_source_params params;
-    char *packed_folder, *screens_folder, *priors_file; /* copies */
-    train_packed *packed;
-    train_motions *motions; /* of packed brackets; NULL where they are not wanted */
-    train_guides *guides;
+    char *screens_folder, *priors_file; /* copies */
+    packed_set set[TRAIN_SETS_MAX];
+    int sets;
+    size_t count; /* of brackets in all sets */
     dataset_screens screens;
     dataset_priors *priors;
 };
@@ -46,6 +54,27 @@ static brace_status open_simulator(train_source *s, const brace_job *job, brace_
     return status;
 }
 
+static brace_status open_set(train_source *s, const char *folder, brace_error *error) {
+    const train_source_params *p = &s->params;
+    const char *split = p->test ? "test" : "train";
+    packed_set *set = &s->set[s->sets++];
+    brace_status status = copy(&set->folder, folder, error);
+    if (status == BRACE_OK) {
+        status = train_packed_open(&set->packed, set->folder, split, p->frames, error);
+    }
+    if (status == BRACE_OK && p->align) {
+        status = train_motions_open(&set->motions, set->packed, set->folder, split, error);
+    }
+    if (status == BRACE_OK && p->guide) {
+        status = train_guides_open(&set->guides, set->folder, error);
+    }
+    s->count += status == BRACE_OK ? train_packed_count(set->packed) : 0;
+    if (status == BRACE_OK && s->count > UINT32_MAX) {
+        status = core_fail(error, BRACE_ERROR_ARGUMENT, "%zu samples are too many", s->count);
+    }
+    return status;
+}
+
 brace_status train_source_create(train_source **out, const train_source_params *params, const brace_job *job,
                                  brace_error *error) {
     train_source *s = core_calloc(1, sizeof *s);
@@ -60,32 +89,25 @@ brace_status train_source_create(train_source **out, const train_source_params *
     p->side = p->side > 0 ? p->side : 128;
     p->crops = p->crops > 0 ? p->crops : 4;
     p->test_share = p->test_share > 0 ? p->test_share : 0.1;
-    brace_status status = copy(&s->packed_folder, params->packed, error);
-    if (status == BRACE_OK) {
-        status = copy(&s->screens_folder, params->screens, error);
-    }
+    brace_status status = copy(&s->screens_folder, params->screens, error);
     if (status == BRACE_OK) {
         status = copy(&s->priors_file, params->priors, error);
     }
-    p->packed = s->packed_folder, p->screens = s->screens_folder, p->priors = s->priors_file;
+    p->screens = s->screens_folder, p->priors = s->priors_file;
     const uint32_t least = 2 * (uint32_t)p->side + 2;
-    if (status == BRACE_OK && p->packed == NULL &&
+    if (status == BRACE_OK && p->packed[0] == NULL &&
         (p->width % 2 || p->height % 2 || p->width < least || p->height < least || p->width > 16384 ||
          p->height > 16384)) {
         status = core_fail(error, BRACE_ERROR_ARGUMENT,
                            "frames of %ux%u: an even number of pixels from %u to 16384 is needed for crops of %d",
                            p->width, p->height, least, p->side);
     }
-    if (status == BRACE_OK) {
-        status = p->packed != NULL
-                     ? train_packed_open(&s->packed, p->packed, p->test ? "test" : "train", p->frames, error)
-                     : open_simulator(s, job, error);
+    for (int i = 0; i < TRAIN_SETS_MAX && p->packed[i] != NULL && status == BRACE_OK; i++) {
+        status = open_set(s, p->packed[i], error);
+        p->packed[i] = s->set[i].folder;
     }
-    if (status == BRACE_OK && p->packed != NULL && p->align) {
-        status = train_motions_open(&s->motions, s->packed, p->packed, p->test ? "test" : "train", error);
-    }
-    if (status == BRACE_OK && p->packed != NULL && p->guide) {
-        status = train_guides_open(&s->guides, p->packed, error);
+    if (status == BRACE_OK && s->sets == 0) {
+        status = open_simulator(s, job, error);
     }
     if (status != BRACE_OK) {
         train_source_destroy(s);
@@ -97,12 +119,14 @@ brace_status train_source_create(train_source **out, const train_source_params *
 
 void train_source_destroy(train_source *s) {
     if (s != NULL) {
-        train_packed_close(s->packed);
-        train_motions_close(s->motions);
-        train_guides_close(s->guides);
+        for (int i = 0; i < s->sets; i++) {
+            train_packed_close(s->set[i].packed);
+            train_motions_close(s->set[i].motions);
+            train_guides_close(s->set[i].guides);
+            core_free(s->set[i].folder);
+        }
         dataset_screens_free(&s->screens);
         dataset_priors_destroy(s->priors);
-        core_free(s->packed_folder);
         core_free(s->screens_folder);
         core_free(s->priors_file);
         core_free(s);
@@ -114,12 +138,12 @@ const train_source_params *train_source_params_of(const train_source *source) {
 }
 
 size_t train_source_size(const train_source *source) {
-    return source->packed != NULL ? train_packed_count(source->packed) : 0;
+    return source->count; /* rendered: 0 */
 }
 
-/* All brackets once in random order, then again in another; those for tests as they come. */
+/* All brackets of all sets once in random order, then again in another; those for tests as they come. */
 static brace_status pick(size_t *out, const train_source *s, uint64_t n, brace_error *error) {
-    const size_t count = train_packed_count(s->packed);
+    const size_t count = s->count;
     *out = (size_t)(n % count);
     if (s->params.test) {
         return BRACE_OK;
@@ -159,14 +183,18 @@ static brace_status crops_of(const train_source *s, train_bracket *bracket, uint
         const uint64_t i = first + (uint64_t)k;
         core_random r = core_random_create(s->params.seed, (uint32_t)i, (uint32_t)(i >> 32),
                                            s->params.test ? ~(uint32_t)STREAM_WINDOW : STREAM_WINDOW);
-        if (bracket->width < 2 * (uint32_t)s->params.side + 2 || bracket->height < 2 * (uint32_t)s->params.side + 2) {
+        const uint32_t least = bracket->width < bracket->height ? bracket->width : bracket->height;
+        const int side = s->params.side;
+        if (least < train_window_needs(side, false)) {
             status = core_fail(error, BRACE_ERROR_MISMATCH,
                                "frames of %ux%u pixels are too small for crops of %d pixels", bracket->width,
-                               bracket->height, 2 * s->params.side);
+                               bracket->height, 2 * side);
             break;
         }
-        const train_window window = train_window_draw(&r, bracket, s->params.side, s->params.mirrored,
-                                                       s->params.transposed);
+        const bool halved = s->params.halved > 0 && !s->params.test && core_random_uniform(&r) < s->params.halved &&
+                            least >= train_window_needs(side, true);
+        const train_window window =
+            train_window_draw(&r, bracket, side, halved, s->params.mirrored, s->params.transposed);
         out[k].index = i;
         status = train_sample_make(&out[k], bracket, &window, error);
     }
@@ -225,22 +253,27 @@ brace_status train_source_get(const train_source *s, uint64_t first, int count, 
         return core_fail(error, BRACE_ERROR_ARGUMENT, "samples of several brackets at once");
     }
     const train_source_params *p = &s->params;
-    if (s->packed == NULL) {
+    if (s->sets == 0) {
         return from_simulator(s, scene, first, count, out, cancel, error);
     }
     size_t index;
     brace_status status = pick(&index, s, scene, error);
     if (status == BRACE_OK) {
-        train_bracket bracket = *train_packed_at(s->packed, index);
-        status = p->align ? train_motions_get(s->motions, &bracket, index, cancel, error) : BRACE_OK;
-        if (s->guides != NULL) {
-            train_guides_get(s->guides, &bracket, p->test ? "test" : "train", train_packed_name(s->packed, index));
+        const packed_set *set = s->set;
+        for (; index >= train_packed_count(set->packed); set++) {
+            index -= train_packed_count(set->packed);
+        }
+        const char *name = train_packed_name(set->packed, index);
+        train_bracket bracket = *train_packed_at(set->packed, index);
+        status = p->align ? train_motions_get(set->motions, &bracket, index, cancel, error) : BRACE_OK;
+        if (set->guides != NULL) {
+            train_guides_get(set->guides, &bracket, p->test ? "test" : "train", name);
         }
         if (status == BRACE_OK) {
             status = crops_of(s, &bracket, first, count, out, cancel, error);
         }
         if (status != BRACE_OK) {
-            core_error_prefix(error, train_packed_name(s->packed, index));
+            core_error_prefix(error, name);
         }
     }
     return status;

@@ -10,9 +10,11 @@
 
 #include "train/sample.h"
 
+enum { TRAIN_SETS_MAX = 8 };
+
 /* All zeros mean the defaults. */
 typedef struct train_source_params {
-    const char *packed;     /* folder of shards (brace dataset pack); NULL: rendered */
+    const char *packed[TRAIN_SETS_MAX]; /* folders of shards (brace dataset pack), up to the first NULL; none: rendered */
     const char *screens;    /* rendered: folder of pictures; NULL: those that ship with BRACE */
     const char *priors;     /* rendered: JSON file; NULL: data/priors/default.json */
     uint32_t width, height; /* rendered: of the frames; 0: 1024x768 */
@@ -22,6 +24,7 @@ typedef struct train_source_params {
     int frames, side, crops; /* of a bracket; packed pixels of a crop; crops of a bracket. 0: 5, 128, 4 */
     bool mirrored;           /* crops are mirrored, up to both ways */
     bool transposed;         /* and transposed */
+    double halved;           /* this share of them is of half the resolution; none of the test split */
     bool align;              /* samples have flow */
     bool guide;              /* and the merged picture, as one more frame; needs align */
     uint64_t seed;
@@ -34,7 +37,7 @@ brace_status train_source_create(train_source **out, const train_source_params *
                                  brace_error *error);
 void train_source_destroy(train_source *source);                               /* NULL is allowed */
 const train_source_params *train_source_params_of(const train_source *source); /* with the defaults filled in */
-size_t train_source_size(const train_source *source); /* brackets of a packed set; 0: endless */
+size_t train_source_size(const train_source *source); /* brackets of the packed sets; 0: endless */
 
 /* Samples first .. first + count - 1, which are crops of one bracket: first/crops == (first + count - 1)/crops.
  * `out` holds `count` created samples. May be called from several threads at once; `cancel` may be NULL. */

@@ -255,7 +255,9 @@ class Network(nn.Module):
             small = maps[:n - 1]
             y = v[n - 1] + 8 * sigma[0] * (small[0] + ((trust * u)[1:n - 1] * small[1:]).sum(0))
             if shape["gate"]:
-                y = y + maps[2 * n - 1] * (mixed(maps[n - 1:2 * n - 1], n - 1, False) - y)
+                t = maps[2 * n - 1]
+                t = 0.99 * t.clamp(0, 1) + 0.01 * t
+                y = y + t * (mixed(maps[n - 1:2 * n - 1], n - 1, False) - y)
             else:
                 large = maps[n - 1:]
                 y = y + large[0] / balance[1::2] + ((trust * d)[1:n - 1] * large[1:]).sum(0)
