@@ -63,7 +63,8 @@ static void test_lossless(void **state) {
     for (int c = 0; c < 3; c++) {
         for (int sample = 0; sample < 3; sample++) {
             for (int transfer = 0; transfer < 2; transfer++) {
-                for (int s = 0; s < 4; s++) {
+                /* Every kind in small, every channel, sample and transfer in large. */
+                for (int s = 0; s < ((c + sample + transfer) % 3 == 0 ? 4 : 3); s++) {
                     brace_image *a = make_picture(sizes[s][0], sizes[s][1], channels[c], (brace_sample)sample,
                                                   (brace_transfer)transfer, 9);
                     for (int bits = 8; bits <= 32; bits *= 2) {
