@@ -102,9 +102,12 @@ static brace_status add_positions(perceptual_run *run, size_t tap, size_t stride
     run->tap = tap;
     run->begin_x = (run->x0 - run->left) / stride;
     run->begin_y = (run->y0 - run->top) / stride;
-    /* The last tiles also have what rounding leaves over. */
+    /* The last tiles also have what rounding leaves over. Before a narrow last one a map may end early: positions at the
+     * picture's edge are fewer than its pixels divided by the stride. */
     run->end_x = run->x1 == run->picture[0]->width ? map->width : (run->x1 - run->left) / stride;
     run->end_y = run->y1 == run->picture[0]->height ? map->height : (run->y1 - run->top) / stride;
+    run->end_x = run->end_x < map->width ? run->end_x : map->width;
+    run->end_y = run->end_y < map->height ? run->end_y : map->height;
     if (run->end_x <= run->begin_x || run->end_y <= run->begin_y) {
         return BRACE_OK;
     }
