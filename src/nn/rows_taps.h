@@ -15,7 +15,8 @@ static inline bool NAME(find_tap)(const nn_taps *p, const T *offset, int tap, T 
     if (!(y > -1 && y < (T)p->h && x > -1 && x < (T)p->w)) { /* NaN too */
         return false;
     }
-    const int y0 = (int)(y + 1) - 1, x0 = (int)(x + 1) - 1;
+    int y0 = (int)y, x0 = (int)x; /* rounded towards 0; y + 1 may round up to the row behind the last */
+    y0 -= (T)y0 > y, x0 -= (T)x0 > x;
     const T fy = y - (T)y0, fx = x - (T)x0;
     /* A row or column outside counts as 0. */
     const T top = y0 >= 0 ? 1 : 0, bottom = y0 + 1 < p->h ? 1 : 0, left = x0 >= 0 ? 1 : 0,

@@ -134,7 +134,7 @@ static void NAME(maximum)(const void *from, void *to, int32_t *where, int32_t pl
     T *t = to;
     NN_LOOP for (size_t i = 0; i < n; i++) {
         const T v = LOAD(s[i]);
-        const bool larger = !(v <= t[i]);
+        const bool larger = !(v <= t[i]) && t[i] == t[i];
         t[i] = larger ? v : t[i];
         where[i] = larger ? place : where[i];
     }

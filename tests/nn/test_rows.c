@@ -153,6 +153,82 @@ static void test_broadcasting(void **state) {
     }
 }
 
+/* The largest position below a side that is a power of two: y + 1 rounds up there. What lies around the picture is neither
+ * read nor written. */
+static void test_taps_at_the_edge(void **state) {
+    (void)state;
+    enum { SIDE = 8, CHANNELS = 9, PIXELS = SIDE * SIDE, AROUND = 2 * SIDE };
+    static float x[(PIXELS + 2 * AROUND) * CHANNELS], sums[(PIXELS + 2 * AROUND) * CHANNELS];
+    const float edge = nextafterf(SIDE, 0), places[] = {edge, nextafterf(-1, 0), -1, -nextafterf(0, 1), 0, SIDE - 1, SIDE};
+    enum { PLACES = sizeof places / sizeof *places };
+    const nn_taps p = {.h = SIDE, .w = SIDE, .dilation = 1, .channels = CHANNELS, .c = CHANNELS, .parts = 1,
+                       .wide = CHANNELS, .k = 9 * CHANNELS};
+    float *picture = x + AROUND * CHANNELS, *gradient = sums + AROUND * CHANNELS;
+    for (size_t i = 0; i < sizeof x / sizeof *x; i++) {
+        x[i] = 1000;
+    }
+    for (size_t i = 0; i < PIXELS * CHANNELS; i++) {
+        picture[i] = (float)test_number(5, 0, i, 0, 1);
+    }
+    for (int t = 0; t < table_count; t++) {
+        for (int k = 0; k < PLACES * PLACES; k++) {
+            const float at[2] = {places[k / PLACES], places[k % PLACES]};
+            float offset[18], mask[9] = {1}, columns[9 * CHANNELS], d_offset[18], d_mask[9];
+            for (int i = 0; i < 9; i++) { /* the first tap there, the others nowhere */
+                offset[2 * i] = i == 0 ? at[0] : 1e9f, offset[2 * i + 1] = i == 0 ? at[1] : 1e9f;
+            }
+            tables[t][NN_F32].taps_sample(&p, picture, offset, mask, 0, 0, columns);
+            for (int c = 0; c < CHANNELS; c++) {
+                double want = 0;
+                for (int y = 0; y < SIDE; y++) {
+                    for (int z = 0; z < SIDE; z++) {
+                        want += fmax(0, 1 - fabs((double)at[0] - y)) * fmax(0, 1 - fabs((double)at[1] - z)) *
+                                (double)picture[(y * SIDE + z) * CHANNELS + c];
+                    }
+                }
+                if (!(fabs((double)columns[c] - want) < 1e-5)) {
+                    fail_msg("table %d at (%.9g, %.9g): %g, not %g", t, (double)at[0], (double)at[1], (double)columns[c], want);
+                }
+                columns[c] = 1;
+            }
+            memset(sums, 0, sizeof sums);
+            memset(d_offset, 0, sizeof d_offset);
+            memset(d_mask, 0, sizeof d_mask);
+            tables[t][NN_F32].taps_back(&p, picture, offset, mask, 0, 0, columns, gradient, d_offset, d_mask);
+            for (size_t i = 0; i < AROUND * CHANNELS; i++) {
+                assert_true(sums[i] == 0 && gradient[PIXELS * CHANNELS + i] == 0);
+            }
+        }
+    }
+}
+
+/* The largest number and where it was; no number stays none, whenever it came. */
+static void test_maximum(void **state) {
+    (void)state;
+    static const float numbers[][3] = {{1, 3, 2}, {1, NAN, 0.5f}, {NAN, 1, 2}, {1, 2, NAN}, {-1, -2, -1}};
+    static const int32_t places[] = {1, 1, 0, 2, 0};
+    for (int t = 0; t < table_count; t++) {
+        for (size_t k = 0; k < sizeof numbers / sizeof *numbers; k++) {
+            float largest[19];
+            int32_t where[19] = {0};
+            for (int32_t i = 0; i < 3; i++) {
+                float row[19];
+                for (int j = 0; j < 19; j++) {
+                    row[j] = numbers[k][i];
+                    largest[j] = i == 0 ? row[j] : largest[j];
+                }
+                if (i > 0) {
+                    tables[t][NN_F32].maximum(row, largest, where, i, 19);
+                }
+            }
+            for (int j = 0; j < 19; j++) {
+                const float want = numbers[k][places[k]];
+                assert_true(where[j] == places[k] && (isnan(want) ? isnan(largest[j]) : largest[j] == want));
+            }
+        }
+    }
+}
+
 /* Denormal numbers are zero while a network runs, and are there again afterwards. */
 static void test_denormals(void **state) {
     (void)state;
@@ -179,7 +255,8 @@ static void test_denormals(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_functions),    cmocka_unit_test(test_product),   cmocka_unit_test(test_large_sums),
-        cmocka_unit_test(test_broadcasting), cmocka_unit_test(test_denormals),
+        cmocka_unit_test(test_broadcasting), cmocka_unit_test(test_denormals), cmocka_unit_test(test_taps_at_the_edge),
+        cmocka_unit_test(test_maximum),
     };
     return cmocka_run_group_tests(tests, setup, NULL);
 }
