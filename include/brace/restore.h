@@ -50,7 +50,7 @@ typedef struct brace_restore_report {
     double weight[BRACE_BRACKET_MAX];       /* mean share of each frame in the result; they sum to 1. NaN for a
                                                network, which does not tell */
     double banding[BRACE_BRACKET_MAX];      /* relative deviation of each frame's light from its mean, 0: steady; NaN
-                                               for a network */
+                                               for a network that is not shown the merged picture */
     double clipped;                         /* share of the result's pixels at white */
     double seconds_align, seconds_light, seconds_fuse, seconds_network;
     /* Of a network; empty and 0 otherwise. */

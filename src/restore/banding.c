@@ -184,12 +184,17 @@ static brace_status make_views(measure_state *s, const brace_frame *const *frame
 /* The line that all frames show: the best of the sum of what each one shows. */
 static double common_line(const measure_state *s, size_t count) {
     banding_line line;
-    banding_lines sum = s->lines[0];
+    size_t first = 0; /* those told alone have profiles of another length */
+    while (first < count && s->profile[first].steps)
+        first++;
+    if (first == count)
+        return 0;
+    banding_lines sum = s->lines[first];
     sum.coherent = core_calloc(sum.count, sizeof(double));
     sum.noise = core_calloc(sum.count, sizeof(double));
     double frequency = 0;
     if (sum.coherent && sum.noise) {
-        for (size_t i = 0; i < count; i++)
+        for (size_t i = first; i < count; i++)
             for (size_t k = 0; k < sum.count && !s->profile[i].steps; k++)
                 sum.coherent[k] += s->lines[i].coherent[k], sum.noise[k] += s->lines[i].noise[k];
         banding_line_find(&line, &sum, 0);

@@ -73,12 +73,21 @@ static void rows(void *arg, size_t begin, size_t end, int worker) {
     (void)worker;
     const contradict_job *job = arg;
     const size_t width = job->view[0]->light.width;
+    if (width < RUN) {
+        return;
+    }
     for (size_t y = begin; y < end; y++) {
+        /* The last run overlaps the one before, of which it must not hear the verdict. */
+        const size_t last = y * width + width - RUN;
+        const sums at_edge = sums_of(job, last);
         for (size_t x = 0; x + RUN <= width; x += RUN) {
             const sums s = sums_of(job, y * width + x);
             if (contradicted(&s)) {
                 memset(job->view[0]->trust + 4 * (y * width + x), 0, (size_t)4 * RUN);
             }
+        }
+        if (contradicted(&at_edge)) {
+            memset(job->view[0]->trust + 4 * last, 0, (size_t)4 * RUN);
         }
     }
 }

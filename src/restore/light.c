@@ -323,9 +323,10 @@ static void add_rows(void *arg, size_t begin, size_t end, int worker) {
                 continue;
             /* Weights must not follow the sample's own error, or low ones would win. */
             v4 mean = v4_set(0);
-            for (size_t j = x > 2 ? x - 3 : 0; j <= x + 3 && j < width; j++)
+            const size_t left = x > 2 ? x - 3 : 0, right = x + 4 < width ? x + 4 : width;
+            for (size_t j = left; j < right; j++)
                 mean += view->light.at[y * width + j];
-            mean = v4_max(mean * v4_set(1.0f / 7), v4_set(0)) / gain[x];
+            mean = v4_max(mean / v4_set((float)(right - left)), v4_set(0)) / gain[x];
             for (int c = 0; c < 4; c++)
                 if (job->weight->at[i][c] > 0)
                     mean[c] = fmaxf(job->sum->at[i][c] / job->weight->at[i][c], 0);
