@@ -168,12 +168,11 @@ void banding_spectrum_free(banding_spectrum *spectrum) {
 
 brace_status banding_ring(double *r_min, double *r_max, uint32_t width, uint32_t height, double wanted_min,
                           double wanted_max, brace_error *error) {
-    if (!(wanted_min >= 0 && wanted_max >= 0 && wanted_min <= 1e6 && wanted_max <= 1e6) ||
-        (wanted_max > 0 && wanted_max < wanted_min))
-        return core_fail(error, BRACE_ERROR_ARGUMENT, "a ring from %g to %g bins makes no sense", wanted_min,
-                         wanted_max);
     const double shorter = width < height ? width : height;
-    *r_min = wanted_min > 0 ? wanted_min : 3;
-    *r_max = wanted_max > 0 ? wanted_max : fmax(floor(shorter / 4), *r_min);
+    const double low = wanted_min > 0 ? wanted_min : 3;
+    const double high = wanted_max > 0 ? wanted_max : fmax(floor(shorter / 4), low);
+    if (!(wanted_min >= 0 && wanted_max >= 0 && wanted_min <= 1e6 && wanted_max <= 1e6 && low <= high))
+        return core_fail(error, BRACE_ERROR_ARGUMENT, "a ring from %g to %g bins makes no sense", low, high);
+    *r_min = low, *r_max = high;
     return BRACE_OK;
 }

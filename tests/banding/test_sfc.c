@@ -85,6 +85,11 @@ static void test_edges(void **state) {
     assert_int_equal(brace_sfc_plane(&s, flat, flat, 40, 30, NAN, NULL, NULL, &error), BRACE_ERROR_ARGUMENT);
     const brace_sfc_params wide = {.half_width = 200};
     assert_int_equal(brace_sfc_plane(&s, flat, flat, 40, 30, 0, &wide, NULL, &error), BRACE_ERROR_ARGUMENT);
+    for (int i = 1; i < 3; i++) { /* the ring would end before it begins, at 3 */
+        const brace_sfc_params narrow = {.r_max = i};
+        assert_int_equal(brace_sfc_plane(&s, flat, flat, 40, 30, 0, &narrow, NULL, &error), BRACE_ERROR_ARGUMENT);
+        assert_non_null(strstr(error.message, "ring from 3"));
+    }
     const brace_sfc_params huge = {.r_max = 1e6};
     assert_int_equal(brace_sfc_plane(&s, flat, flat, 40, 30, 0, &huge, NULL, &error), BRACE_OK);
 
