@@ -107,11 +107,6 @@ static brace_status decode(png_structp png, png_infop info, const image_source *
     int type = png_get_color_type(png, info), depth = png_get_bit_depth(png, info);
     bool transparent = png_get_valid(png, info, PNG_INFO_tRNS) != 0;
     note_color(source, png, info);
-    png_bytep exif = NULL;
-    png_uint_32 exif_size = 0;
-    if (png_get_eXIf_1(png, info, &exif_size, &exif) == PNG_INFO_eXIf) {
-        *orientation = image_exif_orientation(exif, exif_size);
-    }
     if (type == PNG_COLOR_TYPE_PALETTE || depth < 8 || transparent) {
         png_set_expand(png);
     }
@@ -143,7 +138,12 @@ static brace_status decode(png_structp png, png_infop info, const image_source *
         (*rows)[y] = image_row(*image, y);
     }
     png_read_image(png, *rows);
-    png_read_end(png, NULL); /* checks the last pixels' CRC */
+    png_read_end(png, info); /* checks the last pixels' CRC; EXIF may stand behind them */
+    png_bytep exif = NULL;
+    png_uint_32 exif_size = 0;
+    if (png_get_eXIf_1(png, info, &exif_size, &exif) == PNG_INFO_eXIf) {
+        *orientation = image_exif_orientation(exif, exif_size);
+    }
     return BRACE_OK;
 }
 

@@ -143,7 +143,9 @@ brace_status image_strips_run(const image_strips *s, const brace_job *job, brace
     strip_run run = {.strips = s, .count = (s->image->height - 1) / s->rows + 1};
     uint32_t slots = (uint32_t)threads * 2 < run.count ? (uint32_t)threads * 2 : run.count;
     size_t plain = s->rows * s->bytes_per_row;
-    run.capacity = compressBound((uLong)plain) + 64; /* and the flush marker and check value */
+    /* deflateBound's terms for settings that are not zlib's own, which compressBound is about: here noise grows by more.
+     * And the flush marker and check value. */
+    run.capacity = plain + plain / 8 + plain / 64 + 128;
     run.slots = core_calloc(slots, sizeof *run.slots);
     run.workers = core_calloc((size_t)threads, sizeof *run.workers);
     bool complete = run.slots != NULL && run.workers != NULL;

@@ -214,8 +214,9 @@ static brace_status read_converted(image_tiff *handle, const tiff_kind *k, brace
     if (raster == NULL) {
         return core_fail_memory(error, pixels * sizeof *raster, handle->name);
     }
-    /* The last argument: stop at the first error. */
-    if (!TIFFReadRGBAImageOriented(handle->tiff, k->width, k->height, raster, ORIENTATION_TOPLEFT, 1)) {
+    /* As it is stored: libtiff flips, but does not transpose. The last argument: stop at the first error. */
+    const int stored = k->orientation >= 1 && k->orientation <= 8 ? k->orientation : ORIENTATION_TOPLEFT;
+    if (!TIFFReadRGBAImageOriented(handle->tiff, k->width, k->height, raster, stored, 1)) {
         core_free(raster);
         return fail_read(handle, error);
     }
@@ -294,11 +295,11 @@ static brace_status read_picture(image_tiff *handle, const image_source *source,
     }
     if (k.bits > 16 || k.format == SAMPLEFORMAT_IEEEFP) {
         return core_fail(error, BRACE_ERROR_UNSUPPORTED,
-                         "%s: a TIFF picture of %u bits a sample; 8 and 16 bits and 32-bit float are handled",
-                         source->name, k.bits);
+                         "%s: a TIFF picture of %u%s bits a sample; 8 and 16 bits and 32-bit float are handled",
+                         source->name, k.bits, k.format == SAMPLEFORMAT_IEEEFP ? " floating-point" : "");
     }
     status = read_converted(handle, &k, image, error);
-    return status;
+    return status == BRACE_OK ? image_turn(image, k.orientation, error) : status;
 }
 
 brace_status image_read_tiff(brace_image **out, const image_source *source, brace_error *error) {
