@@ -131,6 +131,7 @@ static int set_single(TIFF *tiff, const raw_tag *t) {
     double f64;
     switch (t->type) {
     case RAW_BYTE:
+    case RAW_UNDEFINED:
         return TIFFSetField(tiff, t->tag, (int)t->bytes[0]);
     case RAW_SBYTE:
         return TIFFSetField(tiff, t->tag, (int)(int8_t)t->bytes[0]);
@@ -174,7 +175,8 @@ static bool declare(TIFF *tiff, const raw_tag *t) {
 static bool as_type(raw_tag *t, uint8_t *room, size_t size, TIFFDataType type) {
     size_t each = raw_type_size((unsigned)type);
     bool is_integer = t->type == RAW_BYTE || t->type == RAW_SHORT || t->type == RAW_LONG;
-    if ((type == TIFF_UNDEFINED && t->type == RAW_BYTE) || (type == TIFF_BYTE && t->type == RAW_UNDEFINED)) {
+    if ((type == TIFF_UNDEFINED && t->type == RAW_BYTE) ||
+        (type == TIFF_BYTE && (t->type == RAW_UNDEFINED || t->type == RAW_ASCII))) {
         t->type = (uint16_t)type;
         return true;
     }
@@ -194,6 +196,10 @@ static bool as_type(raw_tag *t, uint8_t *room, size_t size, TIFFDataType type) {
     t->type = (uint16_t)type;
     return true;
 }
+
+/* libtiff counts the bytes of some tags, the maker's note among them, in 16 bits: longer ones get so many bytes, and
+ * put_exact puts the whole behind the file. */
+enum { COUNTED = 65535, STAND_IN = 8 };
 
 /* Gives libtiff a tag. Tags that it will not have (of a type or count against their
  * standard) are left out: they are a stranger's, and false is only for memory. */
@@ -221,6 +227,9 @@ static bool set_tag(TIFF *tiff, const raw_tag *original, size_t *taken) {
         }
         memcpy(text, t.bytes, t.count);
         text[t.count] = '\0';
+        for (uint32_t i = 0; i + 1 < t.count; i++) { /* EXIF's Copyright is two texts; put_exact restores the end of the first */
+            text[i] = text[i] != '\0' ? text[i] : ' ';
+        }
         int set = TIFFFieldPassCount(field) ? TIFFSetField(tiff, t.tag, (uint32_t)strlen(text) + 1, text)
                                             : TIFFSetField(tiff, t.tag, text);
         *taken += set == 1 ? 1 : 0;
@@ -243,8 +252,8 @@ static bool set_tag(TIFF *tiff, const raw_tag *original, size_t *taken) {
         set = TIFFSetField(tiff, t.tag, values);
     } else if (wanted == TIFF_VARIABLE2 || TIFFFieldSetGetCountSize(field) == 4) {
         set = TIFFSetField(tiff, t.tag, t.count, values);
-    } else if (t.count <= 65535) {
-        set = TIFFSetField(tiff, t.tag, (int)t.count, values);
+    } else if (t.count <= COUNTED || raw_type_size(t.type) == 1) {
+        set = TIFFSetField(tiff, t.tag, t.count <= COUNTED ? (int)t.count : STAND_IN, values);
     }
     *taken += set == 1 ? 1 : 0;
     if (values != t.bytes) {
@@ -348,6 +357,21 @@ static void put_words(uint8_t *to, const raw_tag *t, size_t size) {
     }
 }
 
+/* The value of a directory's entry, behind all that is there; there is room for all tags. */
+static void put_behind(memory_file *m, uint8_t *entry, const raw_tag *t) {
+    const size_t at = m->size + (m->size & 1);
+    if (at + t->count > m->capacity || at + t->count > UINT32_MAX) {
+        return;
+    }
+    m->data[at - 1] = at > m->size ? 0 : m->data[at - 1];
+    memcpy(m->data + at, t->bytes, t->count);
+    m->size = at + t->count;
+    for (int k = 0; k < 4; k++) {
+        entry[4 + k] = (uint8_t)(t->count >> (8 * k));
+        entry[8 + k] = (uint8_t)((uint32_t)at >> (8 * k));
+    }
+}
+
 static void put_exact(memory_file *m, const brace_tags *tags, raw_ifd ifd, uint32_t offset) {
     raw_tiff tiff;
     if (!raw_tiff_open(&tiff, m->data, m->size)) {
@@ -364,8 +388,13 @@ static void put_exact(memory_file *m, const brace_tags *tags, raw_ifd ifd, uint3
             }
             t = raw_tags_find(tags, ifd, e.tag);
         }
-        if (t != NULL && t->type == e.type && t->count == e.count && raw_type_size(t->type) == 8) {
+        if (t == NULL || t->type != e.type) {
+            continue;
+        }
+        if (t->count == e.count && (raw_type_size(t->type) == 8 || t->type == RAW_ASCII)) {
             put_words(m->data + e.offset, t, e.size);
+        } else if (t->count > COUNTED && e.count == STAND_IN && raw_type_size(t->type) == 1) {
+            put_behind(m, m->data + offset + 2 + (size_t)i * 12, t);
         }
     }
 }

@@ -150,6 +150,46 @@ static void test_strangers_tags_survive(void **state) {
     brace_frame_destroy(f);
 }
 
+static void assert_tag_bytes(const brace_frame *f, raw_ifd ifd, unsigned tag, const void *bytes, uint32_t count) {
+    const raw_tag *t = raw_tags_find(f->tags, ifd, tag);
+    if (t == NULL || t->count != count || memcmp(t->bytes, bytes, count) != 0) {
+        fail_msg("tag %u: %u bytes of %u, or others", tag, t != NULL ? t->count : 0, count);
+    }
+}
+
+/* What libtiff has no words for, or another idea of: single bytes that are undefined, notes of more than 64 KiB, texts of
+ * two parts, texts where it knows bytes. */
+static void test_awkward_tags_survive(void **state) {
+    (void)state;
+    test_dng d = {.width = 48, .height = 32, .exposure_time = 1.0 / 640.0};
+    write_test_dng(in_folder("in.dng"), &d);
+    static uint8_t note[70001], private[80000], comment[66000];
+    for (size_t i = 0; i < sizeof note; i++) {
+        note[i] = (uint8_t)(i * 7 + i / 256), private[i] = (uint8_t)(i * 5), comment[i % sizeof comment] = (uint8_t)(i * 3);
+    }
+    for (int preview = 0; preview < 2; preview++) {
+        brace_frame *f = read_frame(in_folder("in.dng"));
+        assert_true(raw_tags_put(f->tags, RAW_IFD_EXIF, 41728, RAW_UNDEFINED, 1, "\3"));
+        assert_true(raw_tags_put(f->tags, RAW_IFD_EXIF, 41729, RAW_UNDEFINED, 1, "\1"));
+        assert_true(raw_tags_put(f->tags, RAW_IFD_EXIF, 37500, RAW_UNDEFINED, sizeof note, note));
+        assert_true(raw_tags_put(f->tags, RAW_IFD_EXIF, 37510, RAW_UNDEFINED, sizeof comment, comment));
+        assert_true(raw_tags_put(f->tags, RAW_IFD_MAIN, 50740, RAW_BYTE, sizeof private, private));
+        assert_true(raw_tags_put(f->tags, RAW_IFD_MAIN, 33432, RAW_ASCII, 10, " \0Editor.\0"));
+        assert_true(raw_tags_put(f->tags, RAW_IFD_MAIN, 50709, RAW_ASCII, 6, "Kodak\0"));
+        brace_frame *g = write_and_read(f, &(brace_dng_params){.no_preview = preview == 0});
+        assert_same_frame(f, g);
+        assert_tag_bytes(g, RAW_IFD_EXIF, 41728, "\3", 1);
+        assert_tag_bytes(g, RAW_IFD_EXIF, 41729, "\1", 1);
+        assert_tag_bytes(g, RAW_IFD_EXIF, 37500, note, sizeof note);
+        assert_tag_bytes(g, RAW_IFD_EXIF, 37510, comment, sizeof comment);
+        assert_tag_bytes(g, RAW_IFD_MAIN, 50740, private, sizeof private);
+        assert_tag_bytes(g, RAW_IFD_MAIN, 33432, " \0Editor.\0", 10);
+        assert_tag_bytes(g, RAW_IFD_MAIN, 50709, "Kodak\0", 6);
+        brace_frame_destroy(g);
+        brace_frame_destroy(f);
+    }
+}
+
 /* Tags of a type or count that their standard forbids are a stranger's mistake: no failure, no crash. */
 static void test_odd_tags_do_no_harm(void **state) {
     (void)state;
@@ -332,6 +372,7 @@ int main(void) {
         cmocka_unit_test(test_every_field_survives),
         cmocka_unit_test(test_bare_frame),
         cmocka_unit_test(test_strangers_tags_survive),
+        cmocka_unit_test(test_awkward_tags_survive),
         cmocka_unit_test(test_odd_tags_do_no_harm),
         cmocka_unit_test(test_preview),
         cmocka_unit_test(test_refuses_nonsense),
