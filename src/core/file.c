@@ -140,8 +140,36 @@ void core_file_abort(core_file *file) {
     }
 }
 
+/* Number of the descriptor that a name stands for; -1: none. */
+static int descriptor_of(const char *path) {
+    static const char *const folders[] = {"/dev/fd/", "/proc/self/fd/"};
+    if (strcmp(path, "/dev/stdout") == 0) {
+        return STDOUT_FILENO;
+    }
+    if (strcmp(path, "/dev/stderr") == 0) {
+        return STDERR_FILENO;
+    }
+    for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) {
+        const size_t n = strlen(folders[i]);
+        if (strncmp(path, folders[i], n) == 0 && path[n] >= '0' && path[n] <= '9') {
+            char *end;
+            const long number = strtol(path + n, &end, 10);
+            return *end == '\0' && number <= INT_MAX ? (int)number : -1;
+        }
+    }
+    return -1;
+}
+
+/* Standard output that the shell redirects goes on where it is: opened anew it would begin at the file's first byte. */
 static brace_status open_special(core_file *file, brace_error *error) {
-    file->special = open(file->path, O_WRONLY | O_CLOEXEC | O_TRUNC);
+    const int same = descriptor_of(file->path);
+    if (same >= 0) {
+        const int flags = fcntl(same, F_GETFL);
+        errno = flags >= 0 ? EBADF : errno;
+        file->special = flags >= 0 && (flags & O_ACCMODE) != O_RDONLY ? fcntl(same, F_DUPFD_CLOEXEC, 0) : -1;
+    } else {
+        file->special = open(file->path, O_WRONLY | O_CLOEXEC);
+    }
     if (file->special < 0) {
         return fail_io(error, file->path, "write to it", errno);
     }
@@ -300,7 +328,7 @@ brace_status core_file_create(core_file **out, const char *path, brace_error *er
     } else if (stat(path, &st) == 0) {
         if (S_ISDIR(st.st_mode)) {
             status = core_fail(error, BRACE_ERROR_IO, "%s: cannot write: it is a folder, a file name is needed", path);
-        } else if (!S_ISREG(st.st_mode) || strncmp(path, "/dev/", 5) == 0 || strncmp(path, "/proc/", 6) == 0) {
+        } else if (!S_ISREG(st.st_mode) || descriptor_of(path) >= 0 || strncmp(path, "/proc/", 6) == 0) {
             /* /dev/stdout is a regular file when the shell redirects it, and must not be renamed onto. */
             status = open_special(file, error);
         } else {

@@ -125,9 +125,13 @@ brace_status core_sha256_file(char hex[65], const char *path, uint64_t *size, br
         }
     }
     int code = errno;
+    const bool memory = buffer != NULL;
     core_free(buffer);
     if (fd >= 0) {
         close(fd);
+        if (!memory) {
+            return core_fail_memory(error, 1 << 18, path);
+        }
     }
     if (n < 0) {
         return core_fail(error, BRACE_ERROR_IO, "%s: cannot read: %s", path, strerror(code));

@@ -2,6 +2,7 @@
 /*
  * weights.c: finds the published weights of LPIPS and DISTS in a folder, or says what to download.
  */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -66,6 +67,12 @@ static brace_status tensor(void *arg, float *values, const char *name, const siz
                              s->path[f], name);
         }
         memcpy(values, t->data, count * sizeof *values);
+        for (size_t i = 0; i < count; i++) {
+            if (!isfinite(values[i])) {
+                return core_fail(error, BRACE_ERROR_FORMAT, "%s: the weights '%s' hold infinite values or NaN", s->path[f],
+                                 name);
+            }
+        }
         return BRACE_OK;
     }
     return core_fail(error, BRACE_ERROR_FORMAT, "%s: the weights '%s' are not in it, nor in %s", s->path[0], name,

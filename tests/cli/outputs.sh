@@ -80,6 +80,11 @@ ok 'an error is an object too' json e.json error message
 "$brace" restore small -q -o /dev/stdout --format png | cat >pipe.png; ok '/dev/stdout, piped' cmp pipe.png a.png
 "$brace" restore small -q -o /dev/stdout --format dng | cat >pipe.dng; ok 'a DNG through a pipe' cmp pipe.dng a.dng
 "$brace" restore small -q -o /dev/stdout --format tif | cat >pipe.tif; ok 'a TIFF through a pipe' cmp pipe.tif a.tif
+printf before >both.bin
+"$brace" restore small -q -o /dev/stdout --format png >>both.bin
+ok '/dev/stdout, appended' cmp <(printf before; cat a.png) both.bin
+{ printf head; "$brace" restore small -q -o /dev/stdout --format png; printf tail; } >both.bin
+ok '/dev/stdout, between others' cmp <(printf head; cat a.png; printf tail) both.bin
 run 2 restore small -o /dev/stdout --format png --json; says "can't both"
 
 # Even numbers of frames, two orientations, three frames, nine frames.

@@ -166,6 +166,33 @@ static void test_full_disk(void **state) {
     assert_int_equal(core_file_commit(file, &error), BRACE_OK);
 }
 
+/* A file system in memory has files like any other: they stay whole until they are replaced. */
+static void test_memory_files(void **state) {
+    (void)state;
+    char name[64];
+    snprintf(name, sizeof name, "/dev/shm/brace-test-%d.bin", (int)getpid());
+    FILE *f = fopen(name, "w");
+    if (f == NULL) {
+        skip(); /* there is none */
+    }
+    fputs("old", f);
+    fclose(f);
+    core_file *file = NULL;
+    for (int keep = 0; keep < 2; keep++) {
+        assert_int_equal(core_file_create(&file, name, NULL), BRACE_OK);
+        fputs("new", core_file_stream(file));
+        assert_holds(name, "old");
+        if (keep == 0) {
+            core_file_abort(file);
+            assert_holds(name, "old");
+        } else {
+            assert_int_equal(core_file_commit(file, NULL), BRACE_OK);
+            assert_holds(name, "new");
+        }
+    }
+    unlink(name);
+}
+
 static void *drain(void *arg) {
     static char text[32];
     int fd = open(arg, O_RDONLY);
@@ -313,7 +340,7 @@ int main(void) {
         TEST(test_by_name),
         TEST(test_pipe),
         TEST(test_relative_after_chdir),
-        TEST(test_full_disk),
+        TEST(test_full_disk), TEST(test_memory_files),
         TEST(test_bad_places),
         TEST(test_killed),
         TEST(test_load),
