@@ -359,6 +359,22 @@ static brace_status shoot_all(capture_session *s, brace_error *error) {
     }
 }
 
+/* Whether a frame that was shot before is still what it was. */
+static brace_status recheck(capture_session *s, size_t index, brace_error *error) {
+    const capture_shot *shot = &s->sequence->shots[index];
+    char path[PATH_MAX], hash[65];
+    uint64_t bytes;
+    bool again;
+    if (!session_path(path, s, shot->file))
+        return core_fail(error, BRACE_ERROR_ARGUMENT, "%.200s...: the name is too long", s->folder);
+    const brace_status status = core_sha256_file(hash, path, &bytes, error);
+    if (status != BRACE_OK)
+        return status;
+    if (strcmp(hash, shot->sha256) != 0)
+        return core_fail(error, BRACE_ERROR_FORMAT, "%s is not the file that was written", shot->file);
+    return inspect(s, index, path, &again, error);
+}
+
 /* The plan, or what was left of it; and the frames that are there already. */
 static brace_status prepare(capture_session *s, brace_error *error) {
     capture_sequence *q = s->sequence;
@@ -393,15 +409,18 @@ static brace_status prepare(capture_session *s, brace_error *error) {
     }
     for (size_t i = 0; i < q->shot_count && status == BRACE_OK; i++) {
         capture_shot *shot = &q->shots[i];
-        char path[PATH_MAX], hash[65];
-        uint64_t bytes;
-        bool again;
+        brace_error problem = {0};
         shot->tries = 0;
         if (!shot->done)
             continue;
         const capture_shot was = *shot;
-        if (!session_path(path, s, shot->file) || core_sha256_file(hash, path, &bytes, NULL) != BRACE_OK ||
-            strcmp(hash, shot->sha256) != 0 || inspect(s, i, path, &again, NULL) != BRACE_OK) {
+        const brace_status found = recheck(s, i, &problem);
+        if (found == BRACE_ERROR_CANCELLED || found == BRACE_ERROR_MEMORY) { /* says nothing about the file */
+            if (error != NULL)
+                *error = problem;
+            return found;
+        }
+        if (found != BRACE_OK) {
             mishap(s, "%s is damaged or gone; shot again", was.file);
             forget(s, i);
         } else {

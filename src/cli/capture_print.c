@@ -7,8 +7,9 @@
 
 /* ---- plans ---- */
 
+/* In one exposure: several shots that are averaged begin anywhere. */
 static double periods(const capture_step *s, double hz) {
-    return s->exposure * s->shots * hz;
+    return s->exposure * hz;
 }
 
 void capture_print_plan(const capture_plan *plan, const capture_limits *limits, const double *flicker, size_t count) {

@@ -356,6 +356,26 @@ static void say_left(const capture_sequence *q, const char *command, bool accept
                   "keeps frames that contradict others");
 }
 
+static bool there(const char *folder, const char *format, int number, const char *file) {
+    char path[PATH_MAX];
+    const int n = snprintf(path, sizeof path, "%s/", folder);
+    return n < PATH_MAX - 32 && snprintf(path + n, sizeof path - (size_t)n, format, number, file) < PATH_MAX - n &&
+           access(path, F_OK) == 0;
+}
+
+/* Sequence i of several: with --resume and --restart those that are complete stay, and only one that was interrupted is
+ * gone on with, or thrown away. False: it is complete. */
+static bool next_repeat(arguments *one, const arguments *a, int i) {
+    *one = *a;
+    if (a->repeat > 1 && (a->resume || a->restart)) {
+        if (there(a->output, "%02d/%s", i, "sequence.json"))
+            return false;
+        if (!there(a->output, ".capture-%02d/%s", i, "sequence.json"))
+            one->resume = false;
+    }
+    return true;
+}
+
 static int shoot_repeats(const char *command, const arguments *a) {
     brace_job job;
     cli_report report;
@@ -380,8 +400,11 @@ static int shoot_repeats(const char *command, const arguments *a) {
             status = core_fail(&error, BRACE_ERROR_ARGUMENT, "%.200s...: the name is too long", a->output);
             break;
         }
+        arguments one;
+        if (!next_repeat(&one, a, i))
+            continue;
         capture_sequence_free(q);
-        status = shoot(a, folder, &l, &asked, q, &job, &error);
+        status = shoot(&one, folder, &l, &asked, q, &job, &error);
         cli_report_flush(&report);
         if (status == BRACE_OK && a->json) {
             json_t *o = capture_sequence_json(q);
@@ -418,7 +441,7 @@ static int run_run(int argc, char **argv) {
         {CLI_TEXT, 'o', "output", "DIR", "folder for the sequence; it is there when all is", &a.output, 0, 0},
         CAMERA_OPTIONS(a),
         PLAN_OPTIONS(a),
-        {CLI_INT, 'n', "repeat", "N", "shoot it N times, into DIR/01, DIR/02, ...", &a.repeat, 1, 10000},
+        {CLI_INT, 'n', "repeat", "N", "shoot it N times, into DIR/01, DIR/02, ...; with --resume or\n--restart those that are complete stay", &a.repeat, 1, 10000},
         {CLI_HEADING, 0, NULL, NULL, "When something goes wrong", NULL, 0, 0},
         {CLI_FLAG, 0, "resume", NULL, "go on with the interrupted sequence", &a.resume, 0, 0},
         {CLI_FLAG, 0, "restart", NULL, "throw it away and start over", &a.restart, 0, 0},
@@ -451,8 +474,6 @@ static int run_run(int argc, char **argv) {
         code = cli_wrong_usage(command, "which camera? --camera NAME; brace capture list shows them");
     if (code < 0 && a.resume && a.restart)
         code = cli_wrong_usage(command, "either --resume or --restart");
-    if (code < 0 && a.repeat > 1 && a.resume)
-        code = cli_wrong_usage(command, "one sequence at a time is resumed: -o %s/NN", a.output);
     if (code < 0)
         code = read_plan(command, &a);
     if (code < 0)

@@ -389,6 +389,21 @@ static void cancelled(void **state) {
                      BRACE_ERROR_CANCELLED);
     assert_int_equal(test_count("."), 1);
     cancel_flag = 0;
+    /* Memory that ends while the frames which are there are looked at says nothing about them, as an interruption does. */
+    int ended = 0;
+    for (long n = 1; n < 400; n += n < 60 ? 1 : 37) {
+        core_alloc_fail_after(n);
+        const brace_status status = capture_run(fresh(), &capture_backend_sim, &address, test_path("c"),
+                                                &(capture_run_params){.resume = true}, &(brace_job){.threads = 1}, &error);
+        core_alloc_fail_after(0);
+        if (status == BRACE_OK)
+            break;
+        assert_int_equal(status, BRACE_ERROR_MEMORY);
+        assert_true(test_count(".capture-c") >= 4);
+        ended++;
+    }
+    assert_true(ended > 20);
+    test_remove(test_path("c"));
     test_good(test_shoot(fresh(), "c", NULL, NULL, NULL, (capture_run_params){.resume = true}, &error), &error);
 }
 
