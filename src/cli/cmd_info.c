@@ -338,15 +338,20 @@ static void take(state *s, const char *path, brace_frame *frame, bool keep) {
     }
 }
 
-static void judge(state *s, const brace_job *job) {
+/* Whether the frames make a bracket. False: it was interrupted, or memory ended, before that was known. */
+static bool judge(state *s, const brace_job *job) {
     verdict *v = &s->verdict;
     brace_bracket *bracket = NULL;
     brace_error error = {0};
-    v->asked = true;
     brace_status status = brace_bracket_create(&bracket, s->frames, s->frame_count, NULL, job, &error);
+    if (status == BRACE_ERROR_CANCELLED || status == BRACE_ERROR_MEMORY) {
+        cli_error(command, "%s", error.message);
+        return false;
+    }
+    v->asked = true;
     if (status != BRACE_OK) {
         snprintf(v->problem, sizeof v->problem, "%s", error.message);
-        return;
+        return true;
     }
     v->good = true;
     v->reference = bracket->order[bracket->reference];
@@ -355,6 +360,7 @@ static void judge(state *s, const brace_job *job) {
     }
     s->frame_count = 0; /* they are the bracket's now */
     brace_bracket_destroy(bracket);
+    return true;
 }
 
 static int show(const state *s, bool json) {
@@ -397,8 +403,9 @@ static int work(state *s, const cli_paths *paths, bool json, bool quiet, int thr
             cancelled = status == BRACE_ERROR_CANCELLED;
         }
     }
-    if (keep && !failed) {
-        judge(s, &job);
+    if (keep && !failed && !judge(s, &job)) {
+        failed = true;
+        cancelled = *job.cancel;
     }
     fill_ev(s->rows, s->count);
     cli_report_flush(&report);

@@ -15,9 +15,12 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "core/sha256.h"
 #include "sim/dataset.h"
 
 enum { FRAMES = 5, FILES = FRAMES + 1 };
+
+static const char hashes_key[] = "sources_sha256"; /* of the six files, in meta.json */
 
 typedef struct importer {
     const char *out;
@@ -131,8 +134,9 @@ static brace_status reduce_all(brace_frame *frames[FILES], int factor, brace_err
     return BRACE_OK;
 }
 
-static brace_status write_sample(const importer *im, brace_frame *frames[FILES], const char *final,
-                                 const char *source, json_t *sources, double displacement, brace_error *error) {
+/* `hashes`: of the six files, as they were found. */
+static brace_status write_sample(const importer *im, brace_frame *frames[FILES], const char *final, const char *source,
+                                 json_t *sources, json_t *hashes, double displacement, brace_error *error) {
     char *folder = NULL;
     brace_status status = dataset_begin(&folder, final, error);
     for (size_t i = 0; i < FILES && status == BRACE_OK; i++) {
@@ -150,8 +154,10 @@ static brace_status write_sample(const importer *im, brace_frame *frames[FILES],
     }
     if (status == BRACE_OK) {
         const brace_frame *r = frames[FRAMES / 2];
-        json_t *meta = json_pack("{s:s, s:s, s:s, s:O, s:i, s:o, s:{s:f, s:f}, s:o}", "format", DATASET_FORMAT, "kind",
-                                 "imported", "source", source, "sources", sources, "reduced_by", im->reduce,
+        json_t *name = json_string(source);
+        json_t *meta = json_pack("{s:s, s:s, s:o, s:O, s:O, s:i, s:o, s:{s:f, s:f}, s:o}", "format", DATASET_FORMAT, "kind",
+                                 "imported", "source", name != NULL ? name : json_string("?"), "sources", sources,
+                                 hashes_key, hashes, "reduced_by", im->reduce,
                                  "displacement", isfinite(displacement) ? json_real(displacement) : json_null(),
                                  "reference", "exposure_time", r->exposure_time, "iso", r->iso, "files", files);
         char *path = dataset_path(folder, "meta.json");
@@ -180,8 +186,8 @@ static json_t *source_names(brace_frame *frames[FILES]) {
     return list;
 }
 
-static brace_status import_files(const importer *im, char *paths[FILES], const char *source, const char *final,
-                                 double *displacement, brace_error *error) {
+static brace_status import_files(const importer *im, char *paths[FILES], const char *source, json_t *hashes,
+                                 const char *final, double *displacement, brace_error *error) {
     brace_frame *frames[FILES] = {NULL};
     brace_status status = BRACE_OK;
     for (size_t i = 0; i < FILES && status == BRACE_OK; i++) {
@@ -206,13 +212,71 @@ static brace_status import_files(const importer *im, char *paths[FILES], const c
         }
     }
     if (status == BRACE_OK) {
-        status = write_sample(im, frames, final, source, sources, *displacement, error);
+        status = write_sample(im, frames, final, source, sources, hashes, *displacement, error);
     }
     json_decref(sources);
     for (size_t i = 0; i < FILES; i++) {
         brace_frame_destroy(frames[i]);
     }
     return status;
+}
+
+/* ---- captures ---- */
+
+/* What tells a capture from another of the same name. A file that cannot be read rejects it. */
+static brace_status hash_files(json_t **out, char *const paths[FILES], brace_error *error) {
+    *out = json_array();
+    for (size_t i = 0; i < FILES; i++) {
+        char hex[65];
+        const brace_status status = core_sha256_file(hex, paths[i], NULL, error);
+        if (status != BRACE_OK) {
+            return status == BRACE_ERROR_IO ? BRACE_ERROR_FORMAT : status;
+        }
+        json_array_append_new(*out, json_string(hex));
+    }
+    return *out != NULL ? BRACE_OK : core_fail_memory(error, 256, "hashes");
+}
+
+static bool made_of(const char *sample, const json_t *hashes) {
+    char *path = dataset_path(sample, "meta.json");
+    json_t *meta = NULL;
+    const bool same = path != NULL && dataset_json_load(&meta, path, DATASET_META_LIMIT, NULL) == BRACE_OK &&
+                      json_equal(json_object_get(meta, hashes_key), hashes);
+    json_decref(meta);
+    core_free(path);
+    return same;
+}
+
+/* The sample that a capture becomes: of its folder's name, or the first of NAME-2, NAME-3, ... that is not another's.
+ * *there: it was imported before. */
+static brace_status place(char **final, bool *there, const char *out, const char *name, const json_t *hashes,
+                          brace_error *error) {
+    *there = false;
+    for (unsigned n = 1;; n++) {
+        char suffix[16] = "";
+        if (n > 1) {
+            snprintf(suffix, sizeof suffix, "-%u", n);
+        }
+        char *base = dataset_path(out, name);
+        const size_t room = base != NULL ? strlen(base) + sizeof suffix : 0;
+        *final = room > 0 ? core_alloc(room, 1) : NULL;
+        if (*final != NULL) {
+            snprintf(*final, room, "%s%s", base, suffix);
+        }
+        core_free(base);
+        if (*final == NULL) {
+            return core_fail_memory(error, 256, "a name");
+        }
+        if (access(*final, F_OK) != 0) {
+            return BRACE_OK;
+        }
+        if (made_of(*final, hashes)) {
+            *there = true;
+            return BRACE_OK;
+        }
+        core_free(*final);
+        *final = NULL;
+    }
 }
 
 /* A folder with RAW files is a capture. Errors of its content are told, others returned. */
@@ -225,42 +289,44 @@ static brace_status import_capture(const importer *im, const char *folder, const
             paths[found - 1] = dataset_path(folder, in->items[i]->d_name);
         }
     }
-    size_t n = strlen(folder);
-    while (n > 1 && folder[n - 1] == '/') {
-        n--;
-    }
-    char *trimmed = core_strdup(folder), *final = NULL;
-    const char *name = "";
-    if (trimmed != NULL) {
-        trimmed[n] = '\0';
-        const char *slash = strrchr(trimmed, '/');
-        name = slash != NULL && slash[1] != '\0' ? slash + 1 : trimmed;
-        final = dataset_path(im->out, name);
-    }
+    char *full = realpath(folder, NULL), *final = NULL; /* "." has a name, too */
+    const char *slash = full != NULL ? strrchr(full, '/') : NULL, *name = slash != NULL ? slash + 1 : "";
     brace_error problem = {0};
     double displacement = NAN;
-    if (final == NULL) {
-        status = core_fail_memory(error, 256, "a name");
-    } else if (access(final, F_OK) == 0) {
+    json_t *hashes = NULL;
+    bool there = false;
+    brace_status inner = found == FILES
+                             ? hash_files(&hashes, paths, &problem)
+                             : core_fail(&problem, BRACE_ERROR_MISMATCH, "%zu RAW files, six make a capture", found);
+    if (inner == BRACE_OK && name[0] == '\0') {
+        inner = core_fail(&problem, BRACE_ERROR_MISMATCH, "the folder has no name that a sample could have");
+    }
+    if (inner == BRACE_OK) {
+        inner = place(&final, &there, im->out, name, hashes, &problem);
+    }
+    if (there) {
         im->done->there++;
     } else {
-        brace_status inner = found == FILES ? import_files(im, paths, name, final, &displacement, &problem)
-                                            : core_fail(&problem, BRACE_ERROR_MISMATCH, "%zu RAW files, six make a capture",
-                                                        found);
+        if (inner == BRACE_OK) {
+            inner = import_files(im, paths, name, hashes, final, &displacement, &problem);
+        }
         /* A full disk or an end of memory is nobody's capture's fault. */
         if (inner == BRACE_ERROR_MEMORY || inner == BRACE_ERROR_IO || inner == BRACE_ERROR_CANCELLED) {
             status = core_fail(error, inner, "%s", problem.message);
         } else {
             *(inner == BRACE_OK ? &im->done->good : &im->done->rejected) += 1;
             if (im->each != NULL) {
-                im->each(im->user, folder, name, inner == BRACE_OK ? NULL : problem.message, displacement);
+                const char *base = final != NULL ? strrchr(final, '/') : NULL;
+                im->each(im->user, folder, base != NULL ? base + 1 : name, inner == BRACE_OK ? NULL : problem.message,
+                         displacement);
             }
         }
     }
     for (size_t i = 0; i < FILES; i++) {
         core_free(paths[i]);
     }
-    core_free(trimmed);
+    json_decref(hashes);
+    free(full);
     core_free(final);
     return status;
 }

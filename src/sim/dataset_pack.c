@@ -169,12 +169,34 @@ static void split_of(char *out, size_t size, const char *name) {
     }
 }
 
+/* By split, then by name: shards are numbered within their split, also where samples without one lie between. */
+static int by_split(const void *a, const void *b) {
+    const char *x = ((const dataset_sample *)a)->name, *y = ((const dataset_sample *)b)->name;
+    char split[2][256];
+    split_of(split[0], sizeof split[0], x);
+    split_of(split[1], sizeof split[1], y);
+    const int order = strcmp(split[0], split[1]);
+    return order != 0 ? order : strcmp(x, y);
+}
+
+/* What was made of the shards that were there before: without it, it is made when it is needed. */
+static void remove_beside(const char *out) {
+    static const char *const names[] = {DATASET_MOTIONS, DATASET_GUIDES};
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        char *path = dataset_path(out, names[i]);
+        if (path != NULL) {
+            unlink(path);
+        }
+        core_free(path);
+    }
+}
+
 static brace_status pack_all(packer *p, const dataset_list *list, const brace_job *job, brace_error *error) {
     brace_status status = BRACE_OK;
     for (size_t i = 0; i < list->count && status == BRACE_OK; i++) {
         char split[sizeof p->split];
         split_of(split, sizeof split, list->items[i].name);
-        if (strcmp(split, p->split) != 0) { /* sorted by name: a split's samples stand together */
+        if (strcmp(split, p->split) != 0) {
             status = close_shard(p, error);
             if (status == BRACE_OK && p->split[0] != '\0') {
                 status = remove_stale(p, error);
@@ -214,6 +236,8 @@ brace_status dataset_pack(const char *folder, const char *out, const dataset_pac
     packer p = {.out = out, .shard_bytes = params != NULL && params->shard_bytes > 0 ? params->shard_bytes : 1ull << 30};
     status = dataset_make_folder(out, error);
     if (status == BRACE_OK) {
+        remove_beside(out);
+        qsort(list.items, list.count, sizeof *list.items, by_split);
         status = pack_all(&p, &list, job, error);
     }
     core_safetensors_abort(p.writer);

@@ -91,13 +91,18 @@ static void check_range(verifier *v, const char *sample, const char *name, const
 }
 
 /* Takes the frames of `s` over. */
-static void check_bracket(verifier *v, const char *sample, dataset_loaded *s, const brace_job *job) {
+static brace_status check_bracket(verifier *v, const char *sample, dataset_loaded *s, const brace_job *job,
+                                  brace_error *error) {
     brace_bracket *bracket = NULL;
     brace_error problem = {0};
     brace_job quiet = {.threads = job != NULL ? job->threads : 0, .cancel = job != NULL ? job->cancel : NULL};
-    if (brace_bracket_create(&bracket, s->frames, s->count, NULL, &quiet, &problem) != BRACE_OK) {
+    const brace_status status = brace_bracket_create(&bracket, s->frames, s->count, NULL, &quiet, &problem);
+    if (status == BRACE_ERROR_MEMORY || status == BRACE_ERROR_CANCELLED) { /* says nothing about the bracket */
+        return core_fail(error, status, "%s", problem.message);
+    }
+    if (status != BRACE_OK) {
         tell(v, sample, "%s", problem.message);
-        return;
+        return BRACE_OK;
     }
     s->count = 0;
     const brace_frame *reference = bracket->frames[bracket->reference];
@@ -117,6 +122,7 @@ static void check_bracket(verifier *v, const char *sample, dataset_loaded *s, co
         }
     }
     brace_bracket_destroy(bracket);
+    return BRACE_OK;
 }
 
 static brace_status verify_sample(verifier *v, const dataset_sample *sample, const brace_job *job,
@@ -145,7 +151,9 @@ static brace_status verify_sample(verifier *v, const dataset_sample *sample, con
     if (s.exact != NULL) {
         check_range(v, sample->name, "gt_exact.dng", s.exact);
     }
-    check_bracket(v, sample->name, &s, job);
+    if (status == BRACE_OK) {
+        status = check_bracket(v, sample->name, &s, job, error);
+    }
     dataset_loaded_free(&s);
     v->out->bad += v->bad;
     return status;

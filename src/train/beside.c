@@ -8,11 +8,29 @@
 
 static const char *const splits[] = {"train", "test", "samples", NULL}; /* that a packed set may have */
 
-brace_status train_beside_make(const char *folder, const char *name, const char *format, size_t reserve,
+static size_t count_samples(const char *folder) {
+    size_t count = 0;
+    for (size_t i = 0; splits[i] != NULL; i++) {
+        train_packed *packed = NULL;
+        if (train_packed_open(&packed, folder, splits[i], 0, NULL) == BRACE_OK) {
+            count += train_packed_count(packed);
+        }
+        train_packed_close(packed);
+    }
+    return count;
+}
+
+brace_status train_beside_make(const char *folder, const char *name, const char *format, size_t listed,
                                train_beside_split *split, const brace_job *job, brace_error *error) {
     train_beside of = {.folder = folder, .job = job};
     char *path = dataset_path(folder, name);
     brace_status status = path != NULL ? core_pool_create(&of.pool, job, error) : core_fail_memory(error, 256, "a name");
+    const size_t count = listed > 0 ? count_samples(folder) : 0, reserve = 65536 + listed * count;
+    if (status == BRACE_OK && reserve > CORE_SAFETENSORS_HEADER) {
+        status = core_fail(error, BRACE_ERROR_ARGUMENT,
+                           "%s: a file can list about %zu samples, and there are %zu: pack them into several folders", path,
+                           CORE_SAFETENSORS_HEADER / listed, count);
+    }
     if (status == BRACE_OK) {
         status = core_safetensors_create(&of.writer, path, reserve, error);
     }

@@ -20,8 +20,8 @@ typedef struct train_beside {
 typedef brace_status train_beside_split(const train_beside *of, brace_error *error);
 
 /* Writes the safetensors file `name` into the folder of the set, atomically, with `format` as metadata: of each split
- * that the set has. `reserve`: see core_safetensors_create. */
-brace_status train_beside_make(const char *folder, const char *name, const char *format, size_t reserve,
+ * that the set has. `listed`: bytes that the file's header needs for each sample. */
+brace_status train_beside_make(const char *folder, const char *name, const char *format, size_t listed,
                                train_beside_split *split, const brace_job *job, brace_error *error);
 
 /* Does `one` for `count` brackets from `first` on, by all threads; each has a copy of the bracket. Tells progress as

@@ -67,7 +67,10 @@ void train_guides_get(const train_guides *g, train_bracket *b, const char *split
 
 /* ---- all of a set ---- */
 
-enum { AT_ONCE = 32 }; /* brackets that are merged before their guides are written */
+enum {
+    AT_ONCE = 32, /* brackets that are merged before their guides are written */
+    LISTED = 640  /* bytes of the header for each: two arrays with the sample's name */
+};
 
 typedef struct make_run {
     train_motions *motions;
@@ -127,5 +130,5 @@ static brace_status merge_split(const train_beside *of, brace_error *error) {
 }
 
 brace_status train_guides_make(const char *folder, const brace_job *job, brace_error *error) {
-    return train_beside_make(folder, DATASET_GUIDES, file_format, 8 << 20, merge_split, job, error);
+    return train_beside_make(folder, DATASET_GUIDES, file_format, LISTED, merge_split, job, error);
 }

@@ -15,6 +15,7 @@
 #include <cmocka.h>
 
 #include <ftw.h>
+#include <limits.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -234,8 +235,19 @@ static void test_pack(void **state) {
     assert_int_equal(dataset_pack(in("set"), in("packed"), &small, &job, &shards, &error), BRACE_OK);
     assert_int_equal(shards, 3);
     assert_true(there("packed/train-00001.safetensors"));
+    fclose(fopen(in("packed/motions.safetensors"), "w"));
     assert_int_equal(dataset_pack(in("set"), in("packed"), NULL, &job, &shards, &error), BRACE_OK);
     assert_false(there("packed/train-00001.safetensors"));
+    assert_false(there("packed/motions.safetensors")); /* of other shards */
+
+    /* Samples without a split, before and behind one that has: in one shard. */
+    make_sample("set/kitchen");
+    make_sample("set/wall");
+    assert_int_equal(dataset_pack(in("set"), in("packed3"), NULL, &job, &shards, &error), BRACE_OK);
+    assert_int_equal(shards, 3);
+    v = verify("packed3");
+    assert_int_equal(v.samples, 5);
+    assert_int_equal(v.bad, 0);
 
     /* One bit. */
     FILE *f = fopen(in("packed/test-00000.safetensors"), "r+b");
@@ -370,6 +382,27 @@ static void test_import(void **state) {
     assert_int_equal(dataset_import(&card, 1, out, NULL, NULL, NULL, &done, &job, &error), BRACE_OK);
     assert_int_equal(done.there, 1);
     assert_int_equal(done.good, 0);
+    /* Another card with a folder of the same name is another capture, once; and a folder may be called by no name. */
+    make_capture("card2/good", 0.5, 8);
+    const char *card2 = in("card2");
+    taken[0] = '\0';
+    for (int i = 0; i < 2; i++) {
+        assert_int_equal(dataset_import(&card2, 1, out, NULL, on_import, NULL, &done, &job, &error), BRACE_OK);
+        assert_int_equal(done.good, i == 0);
+        assert_int_equal(done.there, i == 1);
+    }
+    assert_non_null(strstr(taken, "good-2 0."));
+    assert_true(there("real/good-2/meta.json"));
+    char before[PATH_MAX];
+    assert_non_null(getcwd(before, sizeof before));
+    make_capture("card3/wall", 0, 8);
+    assert_int_equal(chdir(in("card3/wall")), 0);
+    const char *here = ".";
+    const brace_status status = dataset_import(&here, 1, out, NULL, NULL, NULL, &done, &job, &error);
+    assert_int_equal(chdir(before), 0);
+    assert_int_equal(status, BRACE_OK);
+    assert_int_equal(done.good, 1);
+    assert_true(there("real/wall/gt.dng"));
 }
 
 static void test_reduce(void **state) {
