@@ -14,7 +14,7 @@
 /* ---- lines ---- */
 
 static brace_status remember(train_log *log, const json_t *line, brace_error *error) {
-    const json_t *epoch = json_object_get(line, "epoch"), *psnr = json_object_get(line, "psnr");
+    const json_t *epoch = json_object_get(line, "epoch"), *psnr = json_object_get(line, "psnr"), *loss = json_object_get(line, "loss");
     if (json_object_get(line, "kind") == NULL) {
         return BRACE_OK; /* a step */
     }
@@ -35,20 +35,23 @@ static brace_status remember(train_log *log, const json_t *line, brace_error *er
         log->room = room;
     }
     log->epoch[log->epochs++] =
-        (struct train_epoch){(uint64_t)json_integer_value(epoch), json_number_value(json_object_get(line, "loss")),
+        (struct train_epoch){(uint64_t)json_integer_value(epoch),
+                             json_is_number(loss) ? json_number_value(loss) : (double)NAN,
                              json_is_number(psnr) ? json_number_value(psnr) : (double)NAN};
     return BRACE_OK;
 }
 
 /* Copies the lines up to a step. */
-static brace_status keep(train_log *log, const char *text, size_t size, uint64_t step, FILE *to, brace_error *error) {
+static brace_status keep(train_log *log, const char *text, size_t size, uint64_t step, bool pending, FILE *to,
+                         brace_error *error) {
     brace_status status = BRACE_OK;
     for (const char *at = text, *end;
          status == BRACE_OK && (end = memchr(at, '\n', size - (size_t)(at - text))) != NULL; at = end + 1) {
         json_t *line = json_loadb(at, (size_t)(end - at), 0, NULL);
         const json_t *number = json_object_get(line, "step");
+        const bool of_epoch = json_object_get(line, "kind") != NULL;
         if (json_is_integer(number) && json_integer_value(number) >= 0 &&
-            (uint64_t)json_integer_value(number) <= step) {
+            (uint64_t)json_integer_value(number) <= step - (pending && of_epoch)) {
             fwrite(at, 1, (size_t)(end - at) + 1, to);
             status = remember(log, line, error);
         }
@@ -57,7 +60,7 @@ static brace_status keep(train_log *log, const char *text, size_t size, uint64_t
     return status;
 }
 
-brace_status train_log_open(train_log *out, const char *path, uint64_t step, brace_error *error) {
+brace_status train_log_open(train_log *out, const char *path, uint64_t step, bool pending, brace_error *error) {
     *out = (train_log){.path = core_strdup(path)};
     if (out->path == NULL) {
         return core_fail_memory(error, strlen(path), "a name");
@@ -71,7 +74,7 @@ brace_status train_log_open(train_log *out, const char *path, uint64_t step, bra
         status = core_file_create(&file, path, error);
     }
     if (status == BRACE_OK && text != NULL) {
-        status = keep(out, text, size, step, core_file_stream(file), error);
+        status = keep(out, text, size, step, pending, core_file_stream(file), error);
     }
     core_free(text);
     if (status == BRACE_OK) {

@@ -20,7 +20,7 @@
 
 typedef struct train_state {
     uint64_t step;
-    unsigned steps_summed;
+    unsigned steps_summed, steps_lost; /* lost: of those summed, without a finite loss */
     double sums[TRAIN_PARTS]; /* of the losses of so many of this epoch's steps */
     double loss, psnr;        /* of the last epoch and validation */
 } train_state;
@@ -56,8 +56,8 @@ static brace_status save_state(run *r, brace_error *error) {
     const train_state *s = &r->state;
     path_of(path, r, "checkpoint.safetensors");
     snprintf(step, sizeof step, "%llu", (unsigned long long)s->step);
-    snprintf(numbers, sizeof numbers, "%u %a %a %a %a %a %a %a", s->steps_summed, s->sums[0], s->sums[1],
-             s->sums[2], s->sums[3], s->sums[4], s->loss, s->psnr);
+    snprintf(numbers, sizeof numbers, "%u %a %a %a %a %a %a %a %u", s->steps_summed, s->sums[0], s->sums[1],
+             s->sums[2], s->sums[3], s->sums[4], s->loss, s->psnr, s->steps_lost);
     char *config = json_dumps(r->config->json, JSON_COMPACT | JSON_SORT_KEYS);
     if (config == NULL) {
         return core_fail_memory(error, 4096, "the configuration");
@@ -114,8 +114,8 @@ static brace_status load_state(run *r, const char *path, brace_error *error) {
     const char *step = core_safetensors_metadata(file, "step"), *numbers = core_safetensors_metadata(file, "numbers");
     unsigned long long n = 0;
     if (step == NULL || numbers == NULL || sscanf(step, "%llu", &n) != 1 || n > r->config->steps ||
-        sscanf(numbers, "%u %la %la %la %la %la %la %la", &s->steps_summed, &s->sums[0], &s->sums[1],
-               &s->sums[2], &s->sums[3], &s->sums[4], &s->loss, &s->psnr) != 8) {
+        sscanf(numbers, "%u %la %la %la %la %la %la %la %u", &s->steps_summed, &s->sums[0], &s->sums[1],
+               &s->sums[2], &s->sums[3], &s->sums[4], &s->loss, &s->psnr, &s->steps_lost) < 8) {
         status = core_fail(error, BRACE_ERROR_FORMAT, "%s: no state of a training run", path);
     }
     s->step = n;
@@ -168,17 +168,17 @@ static brace_status end_epoch(run *r, brace_error *error) {
     const uint64_t epoch = s->step / c->epoch_steps;
     double mean[TRAIN_PARTS];
     for (int i = 0; i < TRAIN_PARTS; i++) {
-        mean[i] = s->sums[i] / s->steps_summed;
+        mean[i] = s->sums[i] / (s->steps_summed - s->steps_lost); /* of none: NaN */
         s->sums[i] = 0;
     }
-    s->steps_summed = 0;
+    s->steps_summed = s->steps_lost = 0;
     s->loss = mean[0];
     if (!r->first) {
         return BRACE_OK;
     }
-    json_t *line = json_pack("{s:s,s:I,s:I,s:f,s:f,s:f,s:f,s:f}", "kind", "epoch", "step", (json_int_t)s->step,
-                             "epoch", (json_int_t)epoch, "loss", mean[0], "l1", mean[1], "wavelet", mean[2], "color",
-                             mean[3], "alone", mean[4]);
+    json_t *line = json_pack("{s:s,s:I,s:I,s:o,s:o,s:o,s:o,s:o}", "kind", "epoch", "step", (json_int_t)s->step,
+                             "epoch", (json_int_t)epoch, "loss", number(mean[0]), "l1", number(mean[1]), "wavelet",
+                             number(mean[2]), "color", number(mean[3]), "alone", number(mean[4]));
     char path[PATH_MAX], name[64];
     brace_status status = BRACE_OK;
     const bool validate = epoch % (uint64_t)c->validation_epochs == 0 || s->step == c->steps;
@@ -285,6 +285,7 @@ static brace_status one_step(run *r, brace_error *error) {
     for (int k = 0; k < TRAIN_PARTS; k++) {
         s->sums[k] += isfinite(shared[0]) ? (double)shared[k] : 0;
     }
+    s->steps_lost += isfinite(shared[0]) ? 0 : 1;
     s->steps_summed++;
     s->step++;
     if (r->first) {
@@ -316,7 +317,11 @@ static brace_status loop(run *r, brace_error *error) {
     train_state *s = &r->state;
     const uint64_t batch = (uint64_t)c->batch;
     uint64_t saved = s->step;
+    const bool cut_off = s->steps_summed > 0 && s->step == c->steps;
     brace_status status = end_of_epoch(r, error); /* that was cut off */
+    if (status == BRACE_OK && cut_off) { /* no step will save it */
+        status = save_state(r, error);
+    }
     while (s->step < c->steps && status == BRACE_OK) {
         bool stop;
         core_progress(r->job, "training", s->step * batch, c->steps * batch);
@@ -392,9 +397,9 @@ static brace_status prepare(run *r, const train_run_params *params, const brace_
     }
     if (status == BRACE_OK && r->first) {
         path_of(path, r, "log.jsonl");
-        status = train_log_open(&r->log, path, r->state.step, error);
+        status = train_log_open(&r->log, path, r->state.step, r->state.steps_summed > 0, error);
     }
-    if (status != BRACE_OK || r->state.step == c->steps) {
+    if (status != BRACE_OK || (r->state.step == c->steps && r->state.steps_summed == 0)) {
         return status;
     }
     status = nn_group_share_weights(r->group, r->network.weights, error);

@@ -129,8 +129,9 @@ typedef struct train_log {
     } * epoch;
 } train_log;
 
-/* Opens it for appending; lines of steps after `step`, and those that are torn, are dropped first. */
-brace_status train_log_open(train_log *out, const char *path, uint64_t step, brace_error *error);
+/* Opens it for appending; lines of steps after `step`, and those that are torn, are dropped first. `pending`: an epoch ends
+ * with that step, and its end is still to come. */
+brace_status train_log_open(train_log *out, const char *path, uint64_t step, bool pending, brace_error *error);
 void train_log_close(train_log *log);
 /* Takes over `line`, which has "step", and "epoch" with "loss" where it is about an epoch. */
 brace_status train_log_add(train_log *log, json_t *line, brace_error *error);

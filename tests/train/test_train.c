@@ -121,7 +121,13 @@ typedef struct stopper {
     uint64_t at; /* samples: not before training has come so far */
     bool hard;
     volatile int cancel;
+    const char *note; /* with which it stops */
 } stopper;
+
+static void on_note(void *user, const char *message) {
+    stopper *s = user;
+    s->cancel = s->cancel || (s->note != NULL && strncmp(message, s->note, strlen(s->note)) == 0);
+}
 
 static void on_progress(void *user, const char *stage, uint64_t done, uint64_t total) {
     stopper *s = user;
@@ -139,6 +145,7 @@ static brace_status run(const train_config *c, const char *name, bool resume, st
     char path[256];
     const brace_job job = {.threads = 2,
                            .progress = stop != NULL ? on_progress : NULL,
+                           .note = stop != NULL ? on_note : NULL,
                            .user = stop,
                            .cancel = stop != NULL ? &stop->cancel : NULL};
     const train_run_params params = {.model = &model, .output = in(path, name, ""), .resume = resume};
@@ -249,6 +256,19 @@ static void test_cancelled(void **state) {
     ok(run(&c, "stopped", true, NULL, &result, &error), &error);
     assert_int_equal(result.samples, 12);
     same("whole", "stopped", "checkpoint.safetensors", 0);
+    /* Within the last epoch's end: going on ends it, and with that it has ended. */
+    stop = (stopper){.at = UINT64_MAX, .note = "epoch 2 "};
+    assert_int_equal(run(&c, "late", false, &stop, &result, &error), BRACE_ERROR_CANCELLED);
+    assert_int_equal(result.steps, 6);
+    for (int i = 0; i < 2; i++) {
+        ok(run(&c, "late", true, NULL, &result, &error), &error);
+        assert_int_equal(result.samples, 0);
+        assert_true(isfinite(result.psnr));
+        same("whole", "late", "checkpoint.safetensors", 0);
+        same("whole", "late", "weights.safetensors", 0);
+        assert_int_equal(lines("late", "\"kind\":\"epoch\""), 2);
+        assert_int_equal(lines("late", "\"validation_loss\""), 2);
+    }
     train_config_free(&c);
 }
 
@@ -351,7 +371,7 @@ static void test_learns(void **state) {
     ok(train_config_parse(&c, json, "test.json", &error), &error);
     ok(run(&c, "learns", false, NULL, NULL, &error), &error);
     train_log log;
-    ok(train_log_open(&log, in(path, "learns", "log.jsonl"), 1000, &error), &error);
+    ok(train_log_open(&log, in(path, "learns", "log.jsonl"), 1000, false, &error), &error);
     assert_int_equal(log.epochs, 6);
     if (!(log.epoch[5].loss < 0.85 * log.epoch[0].loss)) {
         fail_msg("loss %g, then %g", log.epoch[0].loss, log.epoch[5].loss);
