@@ -78,9 +78,9 @@ const char *eval_group_text(char *text, size_t size, const eval_group *group);
 
 typedef struct eval_mean {
     double mean[METRICS], deviation[METRICS]; /* PSNR of equal pictures counts as 100 dB; NaN: not measured */
-    brace_sfc sfc, sfc_deviation;
+    brace_sfc sfc, sfc_deviation; /* all NaN: of none */
     size_t count, worse; /* measured; of lower PSNR than the reference frame */
-    double seconds;
+    double seconds;      /* NaN: none was measured */
 } eval_mean;
 eval_mean eval_mean_of(const eval_set *set, const eval_group *group, size_t method);
 

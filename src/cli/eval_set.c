@@ -313,9 +313,12 @@ eval_mean eval_mean_of(const eval_set *set, const eval_group *g, size_t method) 
             }
         }
     }
-    out.seconds /= out.count > 0 ? (double)out.count : 1;
-    if (parts != NULL) {
+    out.seconds = out.count > 0 ? out.seconds / (double)out.count : NAN;
+    if (parts != NULL && measured > 0) {
         brace_sfc_summary(&out.sfc, &out.sfc_deviation, parts, measured);
+    } else { /* no parts are not perfect ones */
+        out.sfc = out.sfc_deviation = (brace_sfc){.sfc = NAN, .d_ratio = NAN, .d_profile = NAN, .delta_ratio = NAN,
+                                                  .delta_profile = NAN, .rho_pred = NAN, .rho_gt = NAN, .gate = NAN};
     }
     core_free(parts);
     return out;

@@ -35,7 +35,11 @@ static void print_group(const eval_set *set, const eval_group *g, int width) {
                 printf("  %9.*f", metric_kinds[k].digits, mean.mean[k]);
             }
         }
-        printf("  %6zu  %8.2f\n", mean.worse, mean.seconds);
+        if (mean.count > 0) {
+            printf("  %6zu  %8.2f\n", mean.worse, mean.seconds);
+        } else {
+            printf("  %6s  %8s\n", "-", "-");
+        }
     }
 }
 
@@ -53,7 +57,11 @@ static void print_parts(const eval_set *set, const eval_group *g, int width) {
         parts_of(deviation, &mean.sfc_deviation);
         printf("  %-*s", width - 2, set->method[m].label);
         for (int k = 0; k < SFC_PARTS; k++) {
-            printf("  %8.3f +-%7.3f", parts[k], deviation[k]);
+            if (isnan(parts[k])) {
+                printf("  %17s", "-");
+            } else {
+                printf("  %8.3f +-%7.3f", parts[k], deviation[k]);
+            }
         }
         putchar('\n');
     }
@@ -104,7 +112,7 @@ static json_t *mean_json(const eval_set *set, const eval_group *g, size_t method
     }
     json_object_set_new(out, "sfc_parts", sfc);
     json_object_set_new(out, "count", json_integer((json_int_t)mean.count));
-    json_object_set_new(out, "worse", json_integer((json_int_t)mean.worse));
+    json_object_set_new(out, "worse", mean.count > 0 ? json_integer((json_int_t)mean.worse) : json_null());
     json_object_set_new(out, "seconds", cli_json_number(mean.seconds));
     return out;
 }

@@ -91,6 +91,10 @@ static void write_parts(FILE *f, const eval_set *set, const eval_group *group) {
         report_name(f, set->method[m].label);
         fputs("</th>", f);
         for (int k = 0; k < 4; k++) {
+            if (isnan(values[k][0])) {
+                fputs("<td>-</td>", f);
+                continue;
+            }
             fprintf(f, "<td data-v=\"%.9g\">%.3f <span class=\"none\">\xc2\xb1 %.3f</span></td>", values[k][0], values[k][0],
                     values[k][1]);
         }
