@@ -338,8 +338,8 @@ static bool load_weights(state *s) {
 
 /* ---- all pairs ---- */
 
-/* Finds out before the work that the report can be written, and overwrites no picture. -1 to go on. */
-static int check_html(const state *s) {
+/* Finds out before the work that report and table can be written, and overwrite no picture. -1 to go on. */
+static int check_outputs(const state *s) {
     const cli_pairs *pairs = &s->table.pairs;
     outputs out = {0};
     cli_paths inputs = {calloc(2 * pairs->count, sizeof *inputs.items), 2 * pairs->count};
@@ -351,7 +351,9 @@ static int check_html(const state *s) {
         inputs.items[2 * i] = pairs->items[i].pred;
         inputs.items[2 * i + 1] = pairs->items[i].gt;
     }
-    out.items[out.count++].path = s->a->html;
+    if (s->a->html != NULL) {
+        out.items[out.count++].path = s->a->html;
+    }
     int code = outputs_use_stdout(&out)
                    ? cli_wrong_usage(command, "the report and the numbers can't both go to standard output")
                    : -1;
@@ -396,7 +398,7 @@ static int run(state *s) {
     if (!cli_pairs_find(&s->table.pairs, pred, gt, command)) {
         return CLI_FAILED;
     }
-    int code = s->a->html != NULL ? check_html(s) : -1;
+    int code = check_outputs(s);
     if (code >= 0) {
         return code;
     }

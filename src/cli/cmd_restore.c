@@ -9,8 +9,11 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
 
 #include "core/core.h"
+#include "raw/raw.h"
 
 static const char command[] = "restore";
 
@@ -401,6 +404,47 @@ static int work(const arguments *a, const cli_paths *frames, const brace_bracket
     return code;
 }
 
+/* A name for a web page, or something that is no file. */
+static bool is_page(const char *path) {
+    const char *dot = strrchr(path, '.');
+    struct stat info;
+    return (dot != NULL && (strcasecmp(dot, ".html") == 0 || strcasecmp(dot, ".htm") == 0)) ||
+           (stat(path, &info) == 0 && !S_ISREG(info.st_mode));
+}
+
+static bool made_here(const char *path) {
+    brace_frame *frame = NULL;
+    bool ours = false;
+    if (brace_frame_read(&frame, path, NULL, NULL) == BRACE_OK) {
+        const raw_tag *software = frame->tags != NULL ? raw_tags_find(frame->tags, RAW_IFD_MAIN, 305) : NULL;
+        ours = software != NULL && software->count >= 5 && memcmp(software->bytes, "BRACE", 5) == 0;
+    }
+    brace_frame_destroy(frame);
+    return ours;
+}
+
+/* A result of before, in the folder of the frames, may be replaced; a photograph of the folder may not, although the name
+ * of the output keeps it from being taken for a frame. -1 to go on. */
+static int spare_frames(const arguments *a) {
+    for (size_t i = 0; i < a->outputs.count; i++) {
+        const char *path = a->outputs.items[i];
+        struct stat info;
+        if (!cli_is_raw_name(path) || stat(path, &info) != 0 || !S_ISREG(info.st_mode)) {
+            continue;
+        }
+        char *folder = strndup(path, (size_t)(cli_basename(path) - path));
+        bool inside = false;
+        for (size_t k = 0; k < a->frames.count && folder != NULL; k++) {
+            inside = inside || cli_same_file(folder[0] != '\0' ? folder : ".", a->frames.items[k]);
+        }
+        free(folder);
+        if (inside && !made_here(path)) {
+            return cli_wrong_usage(command, "the output %s is one of the inputs; it would be overwritten", path);
+        }
+    }
+    return -1;
+}
+
 static int run(arguments *a, cli_paths *frames, double **exposures) {
     outputs out = {.bits = a->bits, .quality = a->quality, .exposure = a->exposure};
     brace_restore_params restore_params = {.no_align = a->no_align};
@@ -415,12 +459,24 @@ static int run(arguments *a, cli_paths *frames, double **exposures) {
     if (a->page != NULL) {
         all.items[all.count++].path = a->page;
     }
+    if (code < 0 && a->page != NULL && !is_page(a->page)) {
+        code = cli_wrong_usage(command, "--report takes the name of an HTML file, and %s does not end in .html", a->page);
+    }
+    /* In a folder neither what is to be written nor the truth is a frame. */
+    cli_list except = {0};
+    for (size_t i = 0; i < a->outputs.count + (a->truth != NULL) && code < 0; i++) {
+        if (!cli_list_add(&except, i < a->outputs.count ? a->outputs.items[i] : a->truth)) {
+            code = CLI_FAILED;
+        }
+    }
     if (code < 0 && a->json && outputs_use_stdout(&all)) {
         code = cli_wrong_usage(command, "--json and an output can't both go to standard output");
     }
-    if (code < 0 && !cli_paths_expand(frames, &a->frames, &a->outputs, command)) {
+    code = code < 0 ? spare_frames(a) : code;
+    if (code < 0 && !cli_paths_expand(frames, &a->frames, &except, command)) {
         code = CLI_FAILED;
     }
+    cli_list_free(&except);
     char truth[256];
     if (code < 0 && a->exposures == NULL && cli_paths_leave_truth(frames, BRACE_BRACKET_MIN, truth, sizeof truth) &&
         !a->quiet) {
@@ -433,6 +489,10 @@ static int run(arguments *a, cli_paths *frames, double **exposures) {
     }
     if (code < 0) {
         code = outputs_check(&all, frames, command);
+    }
+    if (code < 0 && a->truth != NULL) {
+        const cli_paths truths = {(char **)(uintptr_t)&a->truth, 1};
+        code = outputs_check(&all, &truths, command);
     }
     if (code < 0) {
         code = parse_reference(a->reference, frames, &bracket_params.reference);

@@ -245,6 +245,9 @@ int cli_simulate(int argc, char **argv) {
         code = cli_wrong_usage(command, "--size %s is no size such as 1024x768", a.size);
     if (code < 0 && a.sheet != NULL && !is_picture(a.sheet))
         code = cli_wrong_usage(command, "--sheet %s: the name should end in .png, .jpg, .tif or .webp", a.sheet);
+    for (size_t i = 0; code < 0 && a.sheet != NULL && i < screens.count; i++)
+        if (cli_same_file(a.sheet, screens.items[i]))
+            code = cli_wrong_usage(command, "--sheet %s is one of the screens; it would be overwritten", a.sheet);
     if (code < 0 && a.time != NULL && !cli_exposure_parse(a.time, &a.reference_time))
         code = cli_wrong_usage(command, "--time %s is no exposure time such as 1/320", a.time);
     brace_error error = {BRACE_OK, ""};
