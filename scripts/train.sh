@@ -17,7 +17,10 @@ models=("$@")
 [ ${#models[@]} -gt 0 ] || models=(brace-s tmrnet-s)
 processes=${PROCESSES:-$(nproc)}
 
-[ -d screens ] || "$here/screens.sh" screens --work screens.work
+if [ ! -d screens ]; then # all of them, or none
+    "$here/screens.sh" screens.part --work screens.work
+    mv screens.part screens
+fi
 for kind in plain field; do
     [ -d sets/$kind/packed ] && continue
     options=(--screens screens --train 1000 --test 100 --seed 1)
