@@ -412,12 +412,12 @@ static bool is_page(const char *path) {
            (stat(path, &info) == 0 && !S_ISREG(info.st_mode));
 }
 
-static bool made_here(const char *path) {
+static bool is_result(const char *path) {
     brace_frame *frame = NULL;
     bool ours = false;
     if (brace_frame_read(&frame, path, NULL, NULL) == BRACE_OK) {
         const raw_tag *software = frame->tags != NULL ? raw_tags_find(frame->tags, RAW_IFD_MAIN, 305) : NULL;
-        ours = software != NULL && software->count >= 5 && memcmp(software->bytes, "BRACE", 5) == 0;
+        ours = software != NULL && memmem(software->bytes, software->count, outputs_restored, strlen(outputs_restored)) != NULL;
     }
     brace_frame_destroy(frame);
     return ours;
@@ -438,7 +438,7 @@ static int spare_frames(const arguments *a) {
             inside = inside || cli_same_file(folder[0] != '\0' ? folder : ".", a->frames.items[k]);
         }
         free(folder);
-        if (inside && !made_here(path)) {
+        if (inside && !is_result(path)) {
             return cli_wrong_usage(command, "the output %s is one of the inputs; it would be overwritten", path);
         }
     }
@@ -458,9 +458,6 @@ static int run(arguments *a, cli_paths *frames, double **exposures) {
     outputs all = out;
     if (a->page != NULL) {
         all.items[all.count++].path = a->page;
-    }
-    if (code < 0 && a->page != NULL && !is_page(a->page)) {
-        code = cli_wrong_usage(command, "--report takes the name of an HTML file, and %s does not end in .html", a->page);
     }
     /* In a folder neither what is to be written nor the truth is a frame. */
     cli_list except = {0};
@@ -493,6 +490,9 @@ static int run(arguments *a, cli_paths *frames, double **exposures) {
     if (code < 0 && a->truth != NULL) {
         const cli_paths truths = {(char **)(uintptr_t)&a->truth, 1};
         code = outputs_check(&all, &truths, command);
+    }
+    if (code < 0 && a->page != NULL && !is_page(a->page)) {
+        code = cli_wrong_usage(command, "--report takes the name of an HTML file, and %s does not end in .html", a->page);
     }
     if (code < 0) {
         code = parse_reference(a->reference, frames, &bracket_params.reference);

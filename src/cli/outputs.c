@@ -82,6 +82,8 @@ int outputs_init(outputs *out, const cli_list *paths, const char *format, const 
     return -1;
 }
 
+const char outputs_restored[] = ", restored";
+
 int outputs_check(const outputs *out, const cli_paths *inputs, const char *command) {
     bool bits_possible = out->bits == 0;
     for (size_t i = 0; i < out->count; i++) {
@@ -190,7 +192,10 @@ brace_status outputs_write(outputs *out, const brace_restored *restored, const b
         status = core_check_cancel(job, error);
         if (status == BRACE_OK && o->format == OUTPUT_DNG) {
             /* Makes its own preview, so that the same bracket gives the same file beside any other outputs. */
-            status = brace_frame_write_dng(restored->frame, o->path, NULL, job, error);
+            char software[64];
+            snprintf(software, sizeof software, "BRACE %s%s", brace_version(), outputs_restored);
+            const brace_dng_params params = {.software = software};
+            status = brace_frame_write_dng(restored->frame, o->path, &params, job, error);
         } else if (status == BRACE_OK) {
             status = write_picture(o, out, picture, job, error);
         }

@@ -19,7 +19,6 @@ run 2 capture run -o x --camera sim --resume --restart; says 'either'
 run 2 capture run -o x --camera sim --time 0; says '--time 0'
 run 2 capture run -o x --camera sim --shots 1,2 --frames 3; says '--shots'
 run 2 capture run -o x --camera sim --shots 1,2,y; says "'y'"
-run 2 capture run -o x --camera sim --repeat 2 --resume; says '-o x/NN'
 run 2 capture plan --flicker 0; says '--flicker'
 run 2 capture plan --step 1
 run 2 capture check; says 'which folder'
@@ -72,6 +71,14 @@ leaves many 01 02
 leaves many/01 frame_1.dng frame_2.dng frame_3.dng sequence.json
 checks=$((checks + 1))
 ! cmp -s many/01/frame_1.dng many/02/frame_1.dng || bad 'both sequences are the same'
+run 1 capture run -o many "${sim[@]}" --repeat 2 --frames 3 --no-truth --quiet; says 'is there already'
+run 1 capture run -o more "${sim[@]}" --repeat 3 --frames 3 --no-truth --quiet --fault full:5+; says '--resume'
+leaves more 01 .capture-02
+cp more/01/frame_1.dng first.dng; cp more/.capture-02/frame_3.dng third.dng
+run 0 capture run -o more "${sim[@]}" --repeat 3 --frames 3 --no-truth --quiet --resume
+leaves more 01 02 03
+ok 'what was there stays' cmp more/01/frame_1.dng first.dng
+ok 'and what was interrupted' cmp more/02/frame_3.dng third.dng
 
 # Faults: told, shot again, named.
 run 0 capture run -o f "${sim[@]}" --fault busy:1,drop:3,same:6,disconnect:8; says 'dropped the frame'; says 'same picture'

@@ -30,6 +30,13 @@ is 'the mean' "$(printf '%.3f' "$(json e.json groups 0 methods reference psnr me
 run 0 eval --data set --method reference,mine=net.safetensors --json -q -t 2
 is 'threads change nothing' "$(sed 's/"seconds":.*//' out | cmp - <(sed 's/"seconds":.*//' e.json) && echo same)" same
 
+# A method that fails everywhere has no numbers, rather than perfect ones.
+run 1 eval --data set --method reference,net.safetensors --memory 1 --html none.html -q; alone none.html
+is 'rows of the net without a number' "$(grep -cE '^  net( +-)+$' out)" "$(grep -cE '^  net ' out)"
+ok 'no parts' grep -q '>net</th><td>-</td><td>-</td><td>-</td><td>-</td></tr>' none.html
+run 1 eval --data set --method reference,net.safetensors --memory 1 --json -q
+is 'parts in JSON' "$("$helper" json out groups 0 methods net sfc_parts d_ratio mean 2>/dev/null)" null
+
 # What `brace metrics` measures of the same picture.
 sample=$(ls -d set/test/* | head -1)
 "$brace" restore "$sample"/frame_*.dng -q --method merge -o m.dng || exit 1

@@ -84,7 +84,7 @@ printf before >both.bin
 "$brace" restore small -q -o /dev/stdout --format png >>both.bin
 ok '/dev/stdout, appended' cmp <(printf before; cat a.png) both.bin
 { printf head; "$brace" restore small -q -o /dev/stdout --format png; printf tail; } >both.bin
-ok '/dev/stdout, between others' cmp <(printf head; cat a.png; printf tail) both.bin
+ok '/dev/stdout, between others' cmp <(printf head; cat a.png; printf tail) both.bin; rm both.bin
 run 2 restore small -o /dev/stdout --format png --json; says "can't both"
 
 # Even numbers of frames, two orientations, three frames, nine frames.

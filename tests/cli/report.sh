@@ -41,11 +41,20 @@ run 2 restore small -o x.png --report-side 100; says '--report'
 # Where it goes.
 run 2 restore small -o a.png --report ./a.png; says 'given twice'
 run 2 restore small --report small/frame_1.dng; says 'one of the inputs'
+run 2 restore --report other/frame_1.dng small/frame_*.dng -o x.png; says '.html' # the name was forgotten
+run 2 restore small -o t.tif --report x.html --truth t.tif; says 'one of the inputs'
+cp t.dng small/steady.dng # a truth beside the frames
+run 0 restore small --report t3.html --truth small/steady.dng -q --json; is frames "$(json out inputs count)" 5
+run 2 restore small -o small/frame_3.dng; says 'one of the inputs'
+rm small/steady.dng
+for i in 1 2; do run 0 restore small -q -o small/result.dng; done # a result of before may be replaced
+rm small/result.dng
 run 1 restore small --report nowhere/r.html; says nowhere
 run 2 restore small --report small; says 'is a folder'
 run 2 restore small --report /dev/stdout --json; says 'standard output'
 if [ -e /dev/full ]; then
     run 1 restore small -q -o kept.png --report /dev/full; says '/dev/full'; says 'o space left'; says 'kept.png was already'
+    run 2 metrics r.png kept.png -q -m psnr --csv kept.png; says 'one of the inputs'
     run 1 metrics r.png kept.png -q -m psnr --html /dev/full; says 'o space left'; prints PSNR
 fi
 echo old >keep.html

@@ -14,6 +14,8 @@ run 2 simulate "$screen" -o x --size 160; says '--size 160'
 run 2 simulate "$screen" -o x --size 160x120px; says '--size'
 run 2 simulate "$screen" -o x --time 0; says '--time 0'
 run 2 simulate "$screen" -o x --sheet sheet.doc; says 'sheet.doc'
+cp "$screen" page.webp
+run 2 simulate "$screen" page.webp -o x --sheet ./page.webp; says 'one of the screens'; ok 'the screen' cmp "$screen" page.webp
 run 2 simulate "$screen" -o x --count 0
 run 2 simulate "$screen" -o x --iso nan
 absent x
