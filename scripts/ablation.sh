@@ -35,8 +35,7 @@ all='
 7-all         from:4-both                                       {}
 no-mscam      from:3-mwl                                        {"network":{"mscam":false}}
 no-prior      {"network":{"prior":false}}                       {"network":{"prior":false}}
-no-gate       {"network":{"gate":false},"loss":{"leave":0}}      {"network":{"gate":false},"loss":{"leave":0}}
-no-leave      {"loss":{"leave":0}}                              {"loss":{"leave":0}}
+no-gate       {"network":{"gate":false}}                        {"network":{"gate":false}}
 no-strip      {"network":{"strip":0}}                           {"network":{"strip":0}}
 '
 

@@ -84,15 +84,12 @@ models_inputs models_inputs_create(nn_graph *g, int views, int height, int width
  * none, or beyond 16, count as 1. */
 void models_balance(float balance[8], const double gains[3]);
 
-/* The picture of the reference without banding, packed RAW {1, h, w, 4}, linear. */
+/* The picture of the reference without banding, packed RAW {1, h, w, 4}, linear. With `gate`, it is a cautious one: see
+ * docs/model.md, "Caution". */
 nn_value models_build(nn_graph *g, const models_shape *shape, const models_inputs *inputs);
-/* What a gate chooses from, packed RAW as the result: the guide's answer, and what the frames say without the guide. 0:
- * there is no gate. */
-typedef struct models_answers {
-    nn_value guided, alone;
-} models_answers;
-/* The same, and the answers, of which training tells more than the result does. */
-nn_value models_build_both(nn_graph *g, const models_shape *shape, const models_inputs *inputs, models_answers *answers);
+/* As it is trained; with `gate`, *alone is what the frames say without the guide, which training shows the truth, too. 0:
+ * there is none. */
+nn_value models_build_trained(nn_graph *g, const models_shape *shape, const models_inputs *inputs, nn_value *alone);
 
 /* ---- parts ---- */
 

@@ -28,11 +28,16 @@
  * shown to the network beside frame i. The reference is not listened to: where it is right the guide is the reference
  * already, and its stripes are what is to be removed.
  *
- * With a gate, there are two answers, and a map, 0 at first, that leaves the first for the second where merging failed:
+ * With a gate, there are two answers, and a map t, 0 at first, that leaves the first for the second where merging failed:
  *
  *   y_g = v_g + 8 sigma (a_0 + sum_i m_i a_i u_i)
  *   y_f = the blend of the frames without guide, as above
- *   y = y_g + t (y_f - y_g),  t: the map, cut to [0, 1]
+ *   y = y_g + t (y_f - y_g)
+ *
+ * That is how it is trained. Restoring is cautious with both, since no training set has every screen and every lens: half
+ * of the small steps is taken, and openings count from 0.4 on,
+ *
+ *   y = y'_g + t' (y_f - y'_g),  y'_g = v_g + 4 sigma (...),  t' = min(max((t - 0.4)/0.6, 0), 1)
  */
 #include "models/models.h"
 
@@ -210,22 +215,27 @@ static nn_value blend(nn_graph *g, const models_shape *shape, nn_value maps, nn_
     return uncurved(g, mix_views(g, shape, maps, all, m, in));
 }
 
-/* A map cut to [0, 1], so that a gate can be shut; a slope of 1/100 beyond lets one that is shut learn to open again. */
-static nn_value opening(nn_graph *g, nn_value map) {
-    return nn_add(g, nn_affine(g, nn_clamp(g, map, 0, 1), 0.99, 0), nn_affine(g, map, 0.01, 0));
-}
+/* Which part of small steps a restoration takes, and from where on a gate's opening counts (docs/model.md, "Caution"). */
+static const double cautious_step = 0.5, cautious_opening = 0.4;
 
-/* y of the header with a gate, from maps {1, h, w, 8 views}: a_0, a_i; those of the frames' own blend; t. */
+/* y of the header with a gate, from maps {1, h, w, 8 views}: a_0, a_i; those of the frames' own blend; t. `alone`: as it
+ * is trained; NULL: cautious. */
 static nn_value blend_gate(nn_graph *g, const models_shape *shape, nn_value maps, nn_value frames, nn_value u,
-                           const models_inputs *in, models_answers *out) {
+                           const models_inputs *in, nn_value *alone) {
     const nn_value all = nn_slice(g, frames, NN_AXIS_C, 1, 8, 2), m = unclipped(g, all, in->white);
     const int views = models_views(shape), n = views - 1;
     const nn_value a = nn_slice(g, maps, NN_AXIS_C, 0, 4 * n, 1), b = nn_slice(g, maps, NN_AXIS_C, 4 * n, 8 * n + 4, 1);
-    const nn_value t = opening(g, nn_slice(g, maps, NN_AXIS_C, 8 * n + 4, 8 * views, 1));
-    const nn_value guide = nn_slice(g, all, NN_AXIS_N, n, views, 1);
-    const nn_value merged = nn_add(g, guide, small_steps(g, a, m, u, in->sigma));
+    nn_value t = nn_slice(g, maps, NN_AXIS_C, 8 * n + 4, 8 * views, 1), step = small_steps(g, a, m, u, in->sigma);
+    if (alone == NULL) {
+        const double rest = 1 - cautious_opening;
+        t = nn_clamp(g, nn_affine(g, t, 1 / rest, -cautious_opening / rest), 0, 1);
+        step = nn_affine(g, step, cautious_step, 0);
+    }
+    const nn_value guide = nn_slice(g, all, NN_AXIS_N, n, views, 1), merged = nn_add(g, guide, step);
     const nn_value own = mix_views(g, shape, b, nn_slice(g, all, NN_AXIS_N, 0, n, 1), nn_slice(g, m, NN_AXIS_N, 1, n, 1), in);
-    out->guided = uncurved(g, merged), out->alone = uncurved(g, own);
+    if (alone != NULL) {
+        *alone = uncurved(g, own);
+    }
     return uncurved(g, nn_add(g, merged, nn_mul(g, t, nn_sub(g, own, merged))));
 }
 
@@ -250,13 +260,7 @@ static bool fits(nn_graph *g, const models_shape *shape, const models_inputs *in
     return nn_graph_error(g, NULL) == BRACE_OK;
 }
 
-nn_value models_build(nn_graph *g, const models_shape *shape, const models_inputs *in) {
-    models_answers answers;
-    return models_build_both(g, shape, in, &answers);
-}
-
-nn_value models_build_both(nn_graph *g, const models_shape *shape, const models_inputs *in, models_answers *answers) {
-    *answers = (models_answers){0};
+static nn_value build(nn_graph *g, const models_shape *shape, const models_inputs *in, nn_value *alone) {
     if (!fits(g, shape, in)) {
         return 0;
     }
@@ -303,10 +307,19 @@ nn_value models_build_both(nn_graph *g, const models_shape *shape, const models_
         return shape->balance ? nn_div(g, f, nn_slice(g, in->balance, NN_AXIS_C, 0, 8, 2)) : f;
     }
     if (shape->gate) {
-        return blend_gate(g, shape, f, moved, u, in, answers);
+        return blend_gate(g, shape, f, moved, u, in, alone);
     }
     if (shape->sigma) {
         return blend_doubt(g, shape, f, moved, d, u, in);
     }
     return blend(g, shape, f, shape->groups > 0 ? move(g, in->frames, flow_others) : moved, in);
+}
+
+nn_value models_build_trained(nn_graph *g, const models_shape *shape, const models_inputs *in, nn_value *alone) {
+    *alone = 0;
+    return build(g, shape, in, alone);
+}
+
+nn_value models_build(nn_graph *g, const models_shape *shape, const models_inputs *in) {
+    return build(g, shape, in, NULL);
 }

@@ -42,7 +42,7 @@ static void read_packed(train_source_params *d, const json_at *data) {
 
 static void read_data(train_config *c, const json_at *root) {
     static const char *const keys[] = {"packed", "screens", "priors",  "width",     "height",  "field", "test_share",
-                                       "crop",   "crops",   "augment", "transpose", "halve",   "threads", NULL};
+                                       "crop",   "crops",   "augment", "transpose", "threads", NULL};
     json_at data;
     train_source_params *d = &c->data;
     d->frames = 5, d->side = 128, d->crops = 4, d->mirrored = d->transposed = true, d->seed = c->seed;
@@ -69,7 +69,6 @@ static void read_data(train_config *c, const json_at *root) {
     d->crops = (int)json_check_integer(&data, "crops", 1, 64, 4);
     d->mirrored = json_check_bool(&data, "augment", true);
     d->transposed = json_check_bool(&data, "transpose", true) && d->mirrored;
-    d->halved = json_check_number(&data, "halve", 0, 1, 0);
     c->data_threads = (int)json_check_integer(&data, "threads", 1, 64, 1);
     if (d->side % 16 != 0) {
         json_check_fail(&data, "crop", "%d is no multiple of 16", d->side);
@@ -84,8 +83,7 @@ static void read_data(train_config *c, const json_at *root) {
 
 static void read_loss(train_config *c, const json_at *root) {
     static const char *const keys[] = {"encoding", "mu",           "wavelet",           "wavelet_weights", "l1",
-                                       "color",    "color_scales", "color_projections", "relative",        "alone",
-                                       "leave",    NULL};
+                                       "color",    "color_scales", "color_projections", "relative",        "alone", NULL};
     static const char *const encodings[] = {"gamma", "mu_law", NULL};
     train_loss_params *l = &c->loss;
     *l = (train_loss_params){.encoding = TRAIN_GAMMA, .mu = 5000, .wavelet = 0.5, .msswd = {5, 32}};
@@ -107,9 +105,8 @@ static void read_loss(train_config *c, const json_at *root) {
     }
     l->relative = json_check_number(&loss, "relative", 0, 1000, 0);
     l->alone = json_check_number(&loss, "alone", 0, 1000, l->alone);
-    l->leave = json_check_number(&loss, "leave", 0, 1000, 0);
-    if ((l->alone > 0 || l->leave > 0) && !(c->known && c->shape.gate)) {
-        json_check_fail(&loss, l->alone > 0 ? "alone" : "leave", "a network without a gate has one answer only");
+    if (l->alone > 0 && !(c->known && c->shape.gate)) {
+        json_check_fail(&loss, "alone", "a network without a gate has one answer only");
     }
     l->msswd.scales = (int)json_check_integer(&loss, "color_scales", 1, 8, 5);
     l->msswd.projections = (int)json_check_integer(&loss, "color_projections", 1, 512, 32);

@@ -17,17 +17,12 @@ static uint32_t positions(uint32_t *first, uint32_t n, uint32_t side, uint32_t r
     return (high - *first) / 2 + 1;
 }
 
-uint32_t train_window_needs(int side, bool halved) {
-    return 2 * (uint32_t)(halved ? 2 * side + 2 : side) + 2;
-}
-
-train_window train_window_draw(core_random *random, const train_bracket *bracket, int side, bool halved, bool mirrored,
+train_window train_window_draw(core_random *random, const train_bracket *bracket, int side, bool mirrored,
                                bool transposed) {
     const brace_cfa cfa = bracket->frame[0].cfa;
     const uint32_t turn = (mirrored ? core_random_below(random, 4) : 0) + (transposed ? 4 * core_random_below(random, 2) : 0);
-    train_window out = {.flip_x = turn & 1, .flip_y = turn & 2, .transpose = turn & 4, .halved = halved};
+    train_window out = {.flip_x = turn & 1, .flip_y = turn & 2, .transpose = turn & 4};
     uint32_t first;
-    side = halved ? 2 * side + 2 : side;
     const uint32_t columns =
         positions(&first, bracket->width, (uint32_t)side, cfa == BRACE_CFA_GRBG || cfa == BRACE_CFA_BGGR, out.flip_x);
     out.x0 = first + 2 * core_random_below(random, columns);
@@ -71,30 +66,6 @@ void train_crop_guide(float *light, float *sigma, const train_bracket *b, const 
             const ptrdiff_t to = ((y / 2) * side + x / 2) * 4 + (y & 1) * 2 + (x & 1);
             light[to] = train_guide_light(b->guide[from]);
             sigma[to] = train_sigma_value(b->sigma[from]);
-        }
-    }
-}
-
-/* A colour's pixels are 2 apart, and at half the resolution 4. Red of block x is then the mean over [4x - 1, 4x + 3) of the
- * old mosaic, if a red pixel stands for the 2 about it, and the green beside it over [4x + 1, 4x + 5): both are blurred
- * alike, and as far apart as colours are. */
-static const float taps[2][3] = {{0.125f, 0.5f, 0.375f}, {0.375f, 0.5f, 0.125f}};
-
-void train_halve(float *out, const float *packed, int side, float white) {
-    const size_t width = 2 * (size_t)side + 2;
-    for (size_t y = 0; y < (size_t)side; y++) {
-        for (size_t x = 0; x < (size_t)side; x++) {
-            for (size_t c = 0; c < 4; c++) {
-                /* The crop has a margin of one block. */
-                const float *from = packed + ((2 * y + (c >> 1)) * width + 2 * x + (c & 1)) * 4 + c;
-                float sum = 0, most = 0;
-                for (size_t k = 0; k < 9; k++) {
-                    const float v = from[(k / 3 * width + k % 3) * 4];
-                    sum += taps[c >> 1][k / 3] * taps[c & 1][k % 3] * v;
-                    most = v > most ? v : most;
-                }
-                *out++ = most < white ? sum : white;
-            }
         }
     }
 }

@@ -11,14 +11,6 @@ static nn_value by_ratio(nn_graph *g, nn_value x, double r) {
     return r > 0 ? nn_affine(g, nn_log(g, nn_affine(g, x, 1 / r, 1)), r, 0) : x;
 }
 
-static nn_value difference_of(nn_graph *g, nn_value a, nn_value b, const train_loss_params *params) {
-    return nn_sub(g, train_encode(g, a, params->encoding, params->mu), train_encode(g, b, params->encoding, params->mu));
-}
-
-static nn_value mean_size(nn_graph *g, nn_value difference) {
-    return nn_mean(g, nn_abs(g, difference), true, true, true, true);
-}
-
 /* What both answers are told: L1 and wavelets of their difference from the truth, by itself and together. */
 typedef struct plain_loss {
     nn_value l1, wavelet, total; /* wavelet 0: left out */
@@ -26,8 +18,9 @@ typedef struct plain_loss {
 
 static plain_loss plain_loss_build(nn_graph *g, nn_value raw, nn_value truth, const train_loss_params *params) {
     plain_loss out = {0};
-    const nn_value difference = difference_of(g, raw, truth, params);
-    out.total = out.l1 = mean_size(g, difference);
+    const nn_value difference = nn_sub(g, train_encode(g, raw, params->encoding, params->mu),
+                                       train_encode(g, truth, params->encoding, params->mu));
+    out.total = out.l1 = nn_mean(g, nn_abs(g, difference), true, true, true, true);
     if (params->no_l1) {
         out.total = nn_affine(g, out.l1, 0, 0); /* still told in the log */
     }
@@ -38,7 +31,7 @@ static plain_loss plain_loss_build(nn_graph *g, nn_value raw, nn_value truth, co
     return out;
 }
 
-train_loss train_loss_build(nn_graph *g, nn_weights *weights, nn_value prediction, const models_answers *answers,
+train_loss train_loss_build(nn_graph *g, nn_weights *weights, nn_value prediction, nn_value alone,
                             const train_loss_params *params) {
     train_loss out = {0};
     nn_push(g, "loss");
@@ -58,13 +51,9 @@ train_loss train_loss_build(nn_graph *g, nn_weights *weights, nn_value predictio
         nn_output(g, "color", out.color);
         out.total = nn_add(g, out.total, nn_affine(g, out.color, params->color, 0));
     }
-    if (params->leave > 0 && answers->guided != 0) {
-        const nn_value left = mean_size(g, difference_of(g, raw, exact(g, answers->guided), params));
-        out.total = nn_add(g, out.total, nn_affine(g, left, params->leave, 0));
-    }
     out.total = by_ratio(g, out.total, params->relative);
-    if (params->alone > 0 && answers->alone != 0) {
-        const plain_loss own = plain_loss_build(g, exact(g, answers->alone), out.truth, params);
+    if (params->alone > 0 && alone != 0) {
+        const plain_loss own = plain_loss_build(g, exact(g, alone), out.truth, params);
         out.alone = own.l1;
         nn_output(g, "alone", out.alone);
         out.total = nn_add(g, out.total, nn_affine(g, by_ratio(g, own.total, params->relative), params->alone, 0));

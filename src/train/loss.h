@@ -10,7 +10,6 @@
 #ifndef TRAIN_LOSS_H
 #define TRAIN_LOSS_H
 
-#include "models/models.h"
 #include "nn/nn.h"
 
 /* ---- the domain of the differences (loss_encode.c) ---- */
@@ -66,7 +65,6 @@ typedef struct train_loss_params {
      * a bracket which is nearly right is worth as much care as one which is beyond rescue. 0: as it is. */
     double relative;
     double alone; /* weight of the same loss, without colour, of what a network's frames say without their guide; 0: left out */
-    double leave; /* weight of L1 between the result and the guide's answer: what leaving that costs, if it is not surely wrong */
     double bands[TRAIN_WAVELET_BANDS];
     train_msswd msswd;
 } train_loss_params;
@@ -77,8 +75,8 @@ typedef struct train_loss {
     nn_value total, l1, wavelet, color, alone; /* 0: left out */
 } train_loss;
 
-/* `prediction` and the answers are packed RAW of any type. The parts are outputs of the graph, too. */
-train_loss train_loss_build(nn_graph *g, nn_weights *weights, nn_value prediction, const models_answers *answers,
+/* `prediction` is packed RAW of any type, and so is `alone`; 0: there is none. The parts are outputs of the graph, too. */
+train_loss train_loss_build(nn_graph *g, nn_weights *weights, nn_value prediction, nn_value alone,
                             const train_loss_params *params);
 
 #endif

@@ -30,14 +30,14 @@ brace_status train_network_create(train_network *out, const train_config *config
     if (status == BRACE_OK) {
         nn_graph *g = out->graph;
         out->inputs = models_inputs_create(g, views, side, side);
-        models_answers answers = {0};
+        nn_value alone = 0;
         out->prediction = model != NULL ? model->build(model->user, g, &out->inputs)
-                                        : models_build_both(g, &config->shape, &out->inputs, &answers);
+                                        : models_build_trained(g, &config->shape, &out->inputs, &alone);
         if (nn_type_of(g, out->prediction) == NN_BF16) {
             out->prediction = nn_cast(g, out->prediction, NN_F32);
         }
         nn_output(g, "prediction", out->prediction);
-        out->loss = train_loss_build(g, out->weights, out->prediction, &answers, &config->loss);
+        out->loss = train_loss_build(g, out->weights, out->prediction, alone, &config->loss);
         status = nn_graph_plan(g, &(nn_plan_params){.loss = out->loss.total}, error);
     }
     if (status != BRACE_OK) {

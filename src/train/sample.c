@@ -194,8 +194,6 @@ static brace_status show(train_sample *out, int at, float *packed, bool shortest
 /* The motion of the crop's pixels, turned as the crop is. */
 static void set_flow(float *out, const restore_motion *motion, const train_bracket *b, const train_window *w,
                      int side) {
-    /* In packed pixels of the frame; a block of half the resolution lies about two of them, behind a margin of one. */
-    const double step = w->halved ? 2 : 1, margin = w->halved ? 1.5 : 0;
     const size_t width = (b->width + 1) / 2, height = (b->height + 1) / 2;
     const double sign_x = w->flip_x ? -1 : 1, sign_y = w->flip_y ? -1 : 1;
     /* The block's centre, packed: half a mosaic pixel before that of a block at an even position. */
@@ -203,61 +201,31 @@ static void set_flow(float *out, const restore_motion *motion, const train_brack
     for (int y = 0; y < side; y++) {
         for (int x = 0; x < side; x++, out += 2) {
             double dx, dy;
-            const double right = margin + step * (w->transpose ? y : x), down = margin + step * (w->transpose ? x : y);
-            restore_motion_at(motion, x0 + sign_x * right, y0 + sign_y * down, width, height, &dx, &dy);
-            out[w->transpose ? 1 : 0] = (float)(sign_x * dx / step);
-            out[w->transpose ? 0 : 1] = (float)(sign_y * dy / step);
+            restore_motion_at(motion, x0 + sign_x * (w->transpose ? y : x), y0 + sign_y * (w->transpose ? x : y), width,
+                              height, &dx, &dy);
+            out[w->transpose ? 1 : 0] = (float)(sign_x * dx);
+            out[w->transpose ? 0 : 1] = (float)(sign_y * dy);
         }
-    }
-}
-
-static void view_crop(float *out, float *whole, const train_view *view, uint32_t width, const train_window *w, int side,
-                      float white) {
-    if (w->halved) {
-        train_crop(whole, view, width, w, 2 * side + 2);
-        train_halve(out, whole, side, white);
-    } else {
-        train_crop(out, view, width, w, side);
-    }
-}
-
-/* Noise becomes 0.41 of what it was, what is left of the banding stays: errors are told to be something between. */
-static const float halved_errors = 0.64f;
-
-static void guide_crop(float *light, float *sigma, float *whole, const train_bracket *b, const train_window *w, int side) {
-    if (!w->halved) {
-        train_crop_guide(light, sigma, b, w, side);
-        return;
-    }
-    const size_t large = 2 * (size_t)side + 2;
-    train_crop_guide(whole, whole + 4 * large * large, b, w, (int)large);
-    train_halve(light, whole, side, INFINITY);
-    train_halve(sigma, whole + 4 * large * large, side, INFINITY);
-    for (size_t i = 0; i < 4 * (size_t)side * (size_t)side; i++) {
-        sigma[i] *= halved_errors;
     }
 }
 
 brace_status train_sample_make(train_sample *out, const train_bracket *b, const train_window *window,
                                brace_error *error) {
-    const size_t side = (size_t)out->side, pixels = side * side, large = 2 * side + 2;
-    const uint32_t needs = train_window_needs(out->side, window->halved);
-    if (out->frames != b->count + (b->guide != NULL) || b->width < needs || b->height < needs) {
+    const size_t side = (size_t)out->side, pixels = side * side;
+    if (out->frames != b->count + (b->guide != NULL) || b->width < 2 * side + 2 || b->height < 2 * side + 2) {
         return core_fail(error, BRACE_ERROR_MISMATCH,
-                         "%d frames of %ux%u pixels; %d frames of at least %u pixels a side are needed", b->count,
-                         b->width, b->height, out->frames, needs);
+                         "%d frames of %ux%u pixels; %d frames of at least %zu pixels a side are needed", b->count,
+                         b->width, b->height, out->frames, 2 * side + 2);
     }
-    float *packed = core_alloc(pixels * 5 + (window->halved ? large * large * 8 : 0), sizeof *packed);
+    float *packed = core_alloc(pixels * 5, sizeof *packed);
     if (packed == NULL) {
         return core_fail_memory(error, pixels * 5 * sizeof *packed, "a training sample");
     }
-    float *whole = packed + pixels * 5; /* crops before they are halved */
-    view_crop(out->truth, whole, &b->truth, b->width, window, out->side, INFINITY);
+    train_crop(out->truth, &b->truth, b->width, window, out->side);
     brace_status status = set_color(out, b, error);
     for (int i = 0; i < b->count && status == BRACE_OK; i++) {
         const int at = i == b->reference ? 0 : i < b->reference ? i + 1 : i;
-        /* What is clipped in part says nothing that could be relied on. */
-        view_crop(packed, whole, &b->frame[i], b->width, window, out->side, 0.98f * b->frame[i].gain);
+        train_crop(packed, &b->frame[i], b->width, window, out->side);
         out->white[at] = b->frame[i].gain;
         if (b->aligned) {
             set_flow(out->flow + (size_t)at * pixels * 2, &b->motion[i], b, window, out->side);
@@ -265,7 +233,7 @@ brace_status train_sample_make(train_sample *out, const train_bracket *b, const 
         status = show(out, at, packed, i == 0, error);
     }
     if (b->guide != NULL && status == BRACE_OK) {
-        guide_crop(packed, out->sigma, whole, b, window, out->side);
+        train_crop_guide(packed, out->sigma, b, window, out->side);
         out->white[b->count] = b->frame[0].gain;
         status = show(out, b->count, packed, false, error);
     }

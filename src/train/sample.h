@@ -53,24 +53,19 @@ float train_sigma_value(uint8_t code);
 
 /* Where a crop lies and how it is turned: pixel (x, y) of its mosaic is pixel (x0 ± x, y0 ± y) of the frame's, x and y
  * exchanged first with `transpose`. (x0, y0) is a red pixel: so the crop is RGGB, whatever the frame is, and mirrored
- * or not: a mirrored RGGB mosaic begins one column later. `halved`: the crop is made of one with 2*side + 2 packed
- * pixels a side, as a sensor with pixels twice as large would have recorded it through the same lens, which is sharper. */
+ * or not: a mirrored RGGB mosaic begins one column later. */
 typedef struct train_window {
     uint32_t x0, y0;
-    bool flip_x, flip_y, transpose, halved;
+    bool flip_x, flip_y, transpose;
 } train_window;
 
-/* What a crop of so many packed pixels a side needs of its frames, in pixels. */
-uint32_t train_window_needs(int side, bool halved);
-/* Every position and turn that is allowed alike. */
-train_window train_window_draw(core_random *random, const train_bracket *bracket, int side, bool halved, bool mirrored,
+/* Every position and turn that is allowed alike. `side` in packed pixels: frames have 2*side + 2 and
+ * more a side. */
+train_window train_window_draw(core_random *random, const train_bracket *bracket, int side, bool mirrored,
                                bool transposed);
 
 /* R, G, G, B of side*side blocks, (sample - black)/(white - black)*gain: neither clipped below nor above. */
 void train_crop(float *out, const train_view *view, uint32_t width, const train_window *window, int side);
-/* Pictures of side*side blocks from such of 2*side + 2: each colour's mean over 2x2 pixels of that colour, about where
- * the pixel of that colour is in a mosaic of half the resolution. Samples from `white` on make the whole white. */
-void train_halve(float *out, const float *packed, int side, float white);
 
 enum { TRAIN_VIEWS_MAX = BRACE_BRACKET_MAX + 1 };
 

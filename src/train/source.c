@@ -183,18 +183,15 @@ static brace_status crops_of(const train_source *s, train_bracket *bracket, uint
         const uint64_t i = first + (uint64_t)k;
         core_random r = core_random_create(s->params.seed, (uint32_t)i, (uint32_t)(i >> 32),
                                            s->params.test ? ~(uint32_t)STREAM_WINDOW : STREAM_WINDOW);
-        const uint32_t least = bracket->width < bracket->height ? bracket->width : bracket->height;
         const int side = s->params.side;
-        if (least < train_window_needs(side, false)) {
+        const uint32_t least = 2 * (uint32_t)side + 2;
+        if (bracket->width < least || bracket->height < least) {
             status = core_fail(error, BRACE_ERROR_MISMATCH,
                                "frames of %ux%u pixels are too small for crops of %d pixels", bracket->width,
                                bracket->height, 2 * side);
             break;
         }
-        const bool halved = s->params.halved > 0 && !s->params.test && core_random_uniform(&r) < s->params.halved &&
-                            least >= train_window_needs(side, true);
-        const train_window window =
-            train_window_draw(&r, bracket, side, halved, s->params.mirrored, s->params.transposed);
+        const train_window window = train_window_draw(&r, bracket, side, s->params.mirrored, s->params.transposed);
         out[k].index = i;
         status = train_sample_make(&out[k], bracket, &window, error);
     }

@@ -24,7 +24,6 @@ typedef struct train_source_params {
     int frames, side, crops; /* of a bracket; packed pixels of a crop; crops of a bracket. 0: 5, 128, 4 */
     bool mirrored;           /* crops are mirrored, up to both ways */
     bool transposed;         /* and transposed */
-    double halved;           /* this share of them is of half the resolution; none of the test split */
     bool align;              /* samples have flow */
     bool guide;              /* and the merged picture, as one more frame; needs align */
     uint64_t seed;

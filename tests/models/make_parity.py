@@ -74,6 +74,9 @@ def run(name, network, inputs, keep):
         some = [g[(k * len(g)) // SAMPLES] for k in range(SAMPLES)]
         put(f"{name}/g.{parameter}",
             torch.stack([g.norm(), (g * torch.from_numpy(numbers("r", len(g)))).sum(), *some]))
+    if name == "gate":
+        network.cautious = True
+        put("gate/cautious", network(*inputs).permute(0, 2, 3, 1))
     print(f"{name}: result up to {y.abs().max():.3g}, {len(list(network.parameters()))} parameters")
     if keep:
         stored = io.BytesIO()

@@ -55,7 +55,8 @@ brace_status test_network_build(test_network *out, const models_shape *shape, in
     }
     nn_graph *g = out->g;
     out->in = models_inputs_create(g, models_views(shape), h, w);
-    out->y = models_build(g, shape, &out->in);
+    nn_value alone;
+    out->y = train ? models_build_trained(g, shape, &out->in, &alone) : models_build(g, shape, &out->in);
     nn_output(g, "y", out->y);
     out->loss = train ? test_loss(g, out->y) : 0;
     return nn_graph_error(g, error);

@@ -172,6 +172,7 @@ class Network(nn.Module):
     def __init__(self, shape):
         super().__init__()
         self.shape = shape
+        self.cautious = False  # as a restoration is: half of the small steps, openings from 0.4 on
         c, by, frames = shape["channels"], shape["unshuffle"], views(shape)
         if shape["spynet"]:
             self.spynet = Spynet()
@@ -256,7 +257,9 @@ class Network(nn.Module):
             y = v[n - 1] + 8 * sigma[0] * (small[0] + ((trust * u)[1:n - 1] * small[1:]).sum(0))
             if shape["gate"]:
                 t = maps[2 * n - 1]
-                t = 0.99 * t.clamp(0, 1) + 0.01 * t
+                if self.cautious:
+                    y = (v[n - 1] + y) / 2
+                    t = ((t - 0.4) / 0.6).clamp(0, 1)
                 y = y + t * (mixed(maps[n - 1:2 * n - 1], n - 1, False) - y)
             else:
                 large = maps[n - 1:]

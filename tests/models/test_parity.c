@@ -29,8 +29,8 @@ static const core_tensor *find(const char *name, const char *part) {
 }
 
 /* Differences in units of the largest value. */
-static void compare_result(const char *name, const float *y, size_t count, double limit) {
-    const core_tensor *t = find(name, "y");
+static void compare_part(const char *name, const char *part, const float *y, size_t count, double limit) {
+    const core_tensor *t = find(name, part);
     assert_int_equal(t->size, count * sizeof *y);
     const float *expected = t->data;
     double most = 0, largest = 0;
@@ -42,6 +42,10 @@ static void compare_result(const char *name, const float *y, size_t count, doubl
     if (!(most <= limit * largest)) {
         fail_msg("%s: the result differs by %g; its largest number is %g", name, most, largest);
     }
+}
+
+static void compare_result(const char *name, const float *y, size_t count, double limit) {
+    compare_part(name, "y", y, count, limit);
 }
 
 /* Its length, its product with random numbers, and single numbers. */
@@ -157,6 +161,29 @@ static void test_one(const char *name, nn_type type) {
     test_network_destroy(&n);
 }
 
+/* What a restoration makes of the same numbers is another picture, half of whose gate's openings are shut. */
+static void test_caution(void **state) {
+    (void)state;
+    brace_error error = {0};
+    const brace_job job = {.threads = 2};
+    const described d = describe("gate");
+    test_network n;
+    test_ok(test_network_build(&n, &d.shape, d.h, d.w, &(nn_graph_params){.job = &job, .poison = true}, false, &error), &error);
+    test_ok(nn_graph_plan(n.g, NULL, &error), &error);
+    test_fill_weights(n.weights);
+    test_fill_inputs(&n);
+    test_ok(nn_forward(n.g, &error), &error);
+    const float *y = nn_data(n.g, n.y), *trained = find("gate", "y")->data;
+    const size_t count = nn_count(nn_shape_of(n.g, n.y));
+    compare_part("gate", "cautious", y, count, bound);
+    size_t others = 0;
+    for (size_t i = 0; i < count; i++) {
+        others += fabsf(y[i] - trained[i]) > 0.01f;
+    }
+    assert_true(others > count / 4);
+    test_network_destroy(&n);
+}
+
 static void test_networks(void **state) {
     (void)state;
     size_t count = 0;
@@ -238,7 +265,7 @@ static int teardown(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_spynet), cmocka_unit_test(test_networks),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_spynet), cmocka_unit_test(test_networks), cmocka_unit_test(test_caution),
                                        cmocka_unit_test(test_published_file)};
     return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -136,7 +136,7 @@ static void test_windows(void **state) {
             unsigned turns = 0;
             uint32_t lowest = 99, highest = 0;
             for (int i = 0; i < 2000; i++) {
-                const train_window w = train_window_draw(&r, &b, 8, false, true, true);
+                const train_window w = train_window_draw(&r, &b, 8, true, true);
                 turns |= 1u << (w.flip_x + 2 * w.flip_y + 4 * w.transpose);
                 const uint32_t left = w.flip_x ? w.x0 - 15 : w.x0, top = w.flip_y ? w.y0 - 15 : w.y0;
                 assert_true(left + 16 <= b.width && top + 16 <= b.height);
@@ -145,48 +145,6 @@ static void test_windows(void **state) {
             }
             assert_int_equal(turns, 255);
             assert_true(lowest <= 1 && highest >= b.width - 17);
-        }
-    }
-}
-
-/* A frame of which each colour is a plane through space: halved, it is the same plane at the middle of the pixel twice as
- * large, however the crop is turned. A sample clipped in part is clipped. */
-static void test_halved(void **state) {
-    (void)state;
-    enum { SIDE = 8, LARGE = 2 * SIDE + 2, WIDTH = 46, HEIGHT = 43 };
-    static uint16_t data[WIDTH * HEIGHT];
-    for (int y = 0; y < HEIGHT; y++) {
-        for (int x = 0; x < WIDTH; x++) {
-            data[y * WIDTH + x] = (uint16_t)(1000 + 64 * x + 48 * y);
-        }
-    }
-    for (int cfa = 0; cfa < 4; cfa++) {
-        train_bracket b = {.width = WIDTH, .height = HEIGHT};
-        b.frame[0] = (train_view){.data = data, .cfa = (brace_cfa)cfa, .white = 10000, .gain = 1};
-        core_random r = core_random_create(2, (uint32_t)cfa, 0, 0);
-        for (int i = 0; i < 500; i++) {
-            assert_int_equal(train_window_needs(SIDE, true), 2 * LARGE + 2);
-            const train_window w = train_window_draw(&r, &b, SIDE, true, true, true);
-            float whole[LARGE * LARGE * 4], out[SIDE * SIDE * 4];
-            train_crop(whole, &b.frame[0], WIDTH, &w, LARGE);
-            train_halve(out, whole, SIDE, 2);
-            for (int k = 0; k < SIDE * SIDE * 4; k++) {
-                /* The pixel's middle, from the corner of the crop behind its margin, in pixels of the frame. */
-                const double across = 2 * (2 * (k / 4 % SIDE) + (k & 1)) + 2 + 0.5;
-                const double along = 2 * (2 * (k / 4 / SIDE) + (k >> 1 & 1)) + 2 + 0.5;
-                const double right = w.transpose ? along : across, down = w.transpose ? across : along;
-                const double x = w.x0 + (w.flip_x ? -right : right), y = w.y0 + (w.flip_y ? -down : down);
-                const double want = (1000 + 64 * x + 48 * y) / 10000;
-                if (!(fabs((double)out[k] - want) < 1e-5)) {
-                    fail_msg("crop %d, number %d: %g, not %g", i, k, (double)out[k], want);
-                }
-            }
-            whole[(2 * LARGE + 2) * 4] = 0.9f; /* red of one block is a part of four */
-            train_halve(out, whole, SIDE, 0.9f);
-            for (int k = 0; k < SIDE * SIDE * 4; k++) {
-                const int x = k / 4 % SIDE, y = k / 4 / SIDE;
-                assert_true((out[k] == 0.9f) == (k % 4 == 0 && x < 2 && y < 2));
-            }
         }
     }
 }
@@ -359,37 +317,6 @@ static void check_merged(const char *set, const char *shards) {
     train_packed_close(packed);
 }
 
-/* Half resolution: as many halved crops as asked for, the rest as they would be; a motion of half as many pixels. */
-static void check_halved(const train_source_params *params) {
-    brace_error error = {0};
-    train_source_params p = *params;
-    train_source *source;
-    train_sample s;
-    p.side = 8, p.crops = 64, p.align = p.guide = true, p.mirrored = p.transposed = false;
-    int told[2] = {0};
-    double rough[2] = {0};
-    ok(train_sample_create(&s, 6, 8, &error), &error);
-    for (int pass = 0; pass < 2; pass++) {
-        p.halved = pass;
-        ok(train_source_create(&source, &p, NULL, &error), &error);
-        for (uint64_t i = 0; i < 64; i++) {
-            ok(train_source_get(source, i, 1, &s, NULL, &error), &error);
-            for (int k = 0; k < 6 * 64 * 8; k += 2) {
-                const double v = (double)s.input[k];
-                assert_true(isfinite(v) && fabs((double)s.input[k + 1] - (v > 0 ? pow(v, 1 / 2.2) : 0)) < 1e-5);
-            }
-            for (int k = 0; k < 64 * 4; k++) {
-                told[pass] += s.sigma[k] > 0;
-                rough[pass] += fabs((double)s.truth[k] - (double)s.truth[k < 4 ? k : k - 4]);
-            }
-        }
-        train_source_destroy(source);
-    }
-    assert_true(told[0] == 64 * 64 * 4 && told[1] == told[0]);
-    assert_true(rough[1] > 1.1 * rough[0]); /* sharper */
-    train_sample_free(&s);
-}
-
 /* A set twice is two sets: each bracket comes twice before one comes a third time. */
 static void check_two_sets(const train_source_params *params) {
     brace_error error = {0};
@@ -435,7 +362,6 @@ static void test_packed(void **state) {
     ok(train_source_create(&source, &p, NULL, &error), &error);
     assert_int_equal(train_source_size(source), 3);
     train_source_destroy(source);
-    check_halved(&p);
     check_two_sets(&p);
     p.test = true;
     ok(train_source_create(&source, &p, NULL, &error), &error);
@@ -527,7 +453,7 @@ static void test_damaged(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_turned),   cmocka_unit_test(test_windows), cmocka_unit_test(test_sample),
-        cmocka_unit_test(test_halved),   cmocka_unit_test(test_rendered), cmocka_unit_test(test_packed),  cmocka_unit_test(test_damaged),
+        cmocka_unit_test(test_rendered), cmocka_unit_test(test_packed),  cmocka_unit_test(test_damaged),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
