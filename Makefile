@@ -18,7 +18,7 @@ help:
 	@echo 'make demo        install what is missing, build, restore the bracket in data/demo'
 	@echo 'make capture-demo  the same, but for a bracket that a simulated camera shoots first'
 	@echo 'make check       install what is missing, build twice (plain, sanitized), run all tests'
-	@echo 'make check-slow  open reports in Chromium (installs it), fuzz for FUZZ_SECONDS=$(FUZZ_SECONDS) seconds a target'
+	@echo 'make check-slow  open reports in Chromium, fuzz with clang (installs both) for FUZZ_SECONDS=$(FUZZ_SECONDS) seconds a target'
 	@echo 'make bench       quality on the brackets under SAMPLES=$(SAMPLES), time and memory at 12 megapixels'
 	@echo 'make install     into PREFIX=$(PREFIX) (and DESTDIR)'
 	@echo 'make clean       remove what was built'
@@ -45,7 +45,7 @@ check: deps
 	@scripts/check.sh
 
 check-slow: deps
-	@scripts/deps.sh browser
+	@scripts/deps.sh slow
 	@scripts/browser.sh
 	@scripts/fuzz.sh $(FUZZ_SECONDS)
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Installs the Debian packages that building and testing BRACE needs and that
 # are missing. Uses sudo when not root. Does nothing when all are there.
-# `deps.sh browser`: also what the test of reports in a browser needs (make check-slow).
+# `deps.sh slow`: also what make check-slow needs: a browser for the reports, clang for fuzzing.
 set -euo pipefail
 
 packages=(
@@ -17,8 +17,8 @@ packages=(
     # tests: cmocka, and other people's DNG readers to check ours against
     libcmocka-dev libimage-exiftool-perl dcraw libraw-bin
 )
-if [ "${1:-}" = browser ]; then
-    packages+=(chromium nodejs)
+if [ "${1:-}" = slow ]; then
+    packages+=(chromium nodejs clang libclang-rt-dev)
 fi
 
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then

@@ -16,14 +16,15 @@ ninja -C $dir -j "$(nproc)" --quiet
 
 # Seeds: small ones fuzz fastest, so DNGs are cut from the demo's by the seed maker.
 mkdir -p $dir/corpus/raw $dir/corpus/picture $dir/corpus/safetensors $dir/corpus/pth $dir/corpus/sequence \
-    $dir/corpus/choices $dir/corpus/protocol
+    $dir/corpus/choices $dir/corpus/protocol $dir/corpus/json
 $dir/fuzz/make_seeds $dir/corpus/raw $dir/corpus/picture $dir/corpus/safetensors $dir/corpus/protocol
 cp tests/nn/data/*.pth $dir/corpus/pth/
 cp fuzz/seeds/sequence/* $dir/corpus/sequence/
 cp fuzz/seeds/choices/* $dir/corpus/choices/
+cp data/displays/*.json data/cameras/*.json data/priors/*.json data/configs/*.json $dir/corpus/json/
 
 failed=0
-for target in raw picture safetensors pth protocol sequence choices; do
+for target in raw picture safetensors pth protocol sequence choices json; do
     echo "== fuzz_$target for $seconds s"
     $dir/fuzz/fuzz_$target -max_total_time="$seconds" -timeout=20 -rss_limit_mb=3072 -max_len=65536 -print_final_stats=1 \
         -verbosity=0 -artifact_prefix=$dir/ $dir/corpus/$target || failed=$((failed + 1))

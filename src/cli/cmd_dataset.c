@@ -104,7 +104,7 @@ static int run_build(int argc, char **argv) {
     const cli_option options[] = {
         {CLI_HEADING, 0, NULL, NULL, "Options", NULL, 0, 0},
         {CLI_TEXT, 'o', "output", "FOLDER", "the set; what is there already is kept", &c.output, 0, 0},
-        {CLI_TEXT, 0, "screens", "FOLDER", "pictures for the displays to show, default: a dozen\n"
+        {CLI_TEXT, 0, "screens", "FOLDER", "pictures for the displays to show, default: fourteen\n"
                                            "that ship with BRACE; scripts/screens.sh collects more",
          &p.screens, 0, 0},
         {CLI_TEXT, 0, "priors", "FILE", "displays, cameras and exposures to draw from, JSON", &p.priors, 0, 0},

@@ -121,7 +121,7 @@ static brace_status read_blocks(image_tiff *handle, const tiff_kind *k, brace_im
         return core_fail(error, BRACE_ERROR_FORMAT, "%s: the TIFF picture's strips or tiles have a wrong size",
                          handle->name);
     }
-    unsigned char *buffer = core_alloc(want, 1);
+    unsigned char *buffer = core_calloc(want, 1); /* some of libtiff's codecs leave the end of a damaged block as it was */
     if (buffer == NULL) {
         return core_fail_memory(error, want, handle->name);
     }

@@ -223,16 +223,24 @@ static brace_status import_files(const importer *im, char *paths[FILES], const c
 
 /* ---- captures ---- */
 
-/* What tells a capture from another of the same name. A file that cannot be read rejects it. */
+static int by_text(const void *a, const void *b) {
+    return strcmp(a, b);
+}
+
+/* What tells a capture from another of the same name, whatever its files are called: in order of the hashes. A file that
+ * cannot be read rejects it. */
 static brace_status hash_files(json_t **out, char *const paths[FILES], brace_error *error) {
-    *out = json_array();
+    char hex[FILES][65];
     for (size_t i = 0; i < FILES; i++) {
-        char hex[65];
-        const brace_status status = core_sha256_file(hex, paths[i], NULL, error);
+        const brace_status status = core_sha256_file(hex[i], paths[i], NULL, error);
         if (status != BRACE_OK) {
             return status == BRACE_ERROR_IO ? BRACE_ERROR_FORMAT : status;
         }
-        json_array_append_new(*out, json_string(hex));
+    }
+    qsort(hex, FILES, sizeof *hex, by_text);
+    *out = json_array();
+    for (size_t i = 0; i < FILES; i++) {
+        json_array_append_new(*out, json_string(hex[i]));
     }
     return *out != NULL ? BRACE_OK : core_fail_memory(error, 256, "hashes");
 }

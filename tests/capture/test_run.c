@@ -183,8 +183,8 @@ static void every_fault(void **state) {
         test_remove(test_path(".capture-f"));
     }
     print_message(
-        "%d faults injected: %d shot again with success, %d told, %d stopped the sequence and were named; %d lost\n",
-        injected, survived, named, stopped, injected - survived - named - stopped);
+        "%d faults injected: %d shot again with success, %d told, %d stopped the sequence and were named\n",
+        injected, survived, named, stopped);
 }
 
 static void kept_on_demand(void **state) {
@@ -305,7 +305,7 @@ static void killed_and_resumed(void **state) {
         if (test_exists(".capture-k/sequence.json")) {
             capture_sequence *q = fresh();
             test_good(capture_sequence_load(q, test_path(".capture-k/sequence.json"), &error), &error);
-            assert_false(q->complete && q->shot_count == 0);
+            assert_true(!q->complete && q->shot_count > 0);
         }
     }
     if (!test_exists("k")) {
@@ -412,18 +412,20 @@ static void memory_ends(void **state) {
     brace_error error;
     const capture_run_params params = {.plan = {.frames = 3}};
     bool through = false;
-    for (long n = 1; n < 4000 && !through; n += n < 24 ? 1 : 41) {
+    int failed = 0;
+    for (long n = 1; n < 20000 && !through; n += n < 24 ? 1 : 41 + n / 16) {
         core_alloc_fail_after(n);
         const brace_status status = test_shoot(fresh(), "m", NULL, NULL, "off=all", params, &error);
         through = status == BRACE_OK;
         core_alloc_fail_after(0);
         if (status != BRACE_OK) {
+            assert_int_equal(status, BRACE_ERROR_MEMORY);
             assert_false(test_exists("m"));
             test_remove(test_path(".capture-m"));
+            failed++;
         }
     }
-    core_alloc_fail_after(0);
-    assert_true(through || test_exists("m") || !test_exists(".capture-m"));
+    assert_true(through && failed > 20 && test_exists("m"));
 }
 
 static void folders_of_others(void **state) {

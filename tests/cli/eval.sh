@@ -32,6 +32,7 @@ is 'threads change nothing' "$(sed 's/"seconds":.*//' out | cmp - <(sed 's/"seco
 
 # A method that fails everywhere has no numbers, rather than perfect ones.
 run 1 eval --data set --method reference,net.safetensors --memory 1 --html none.html -q; alone none.html
+ok 'the net has rows' grep -qE '^  net ' out
 is 'rows of the net without a number' "$(grep -cE '^  net( +-)+$' out)" "$(grep -cE '^  net ' out)"
 ok 'no parts' grep -q '>net</bdi></th><td>-</td><td>-</td><td>-</td><td>-</td></tr>' none.html
 run 1 eval --data set --method reference,net.safetensors --memory 1 --json -q

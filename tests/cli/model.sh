@@ -20,6 +20,7 @@ for type in f16 bf16; do
 done
 run 0 restore small -qo f32.png --model ./net.safetensors
 ok 'f16 hardly differs' "$helper" same f32.png f16.png 2
+ok 'bf16 hardly differs' "$helper" same f32.png bf16.png 2
 run 0 restore small -qo again.png --model ./again.safetensors
 ok 'f32 is the same' cmp f32.png again.png
 

@@ -31,6 +31,10 @@ exists sheet.png
 run 0 info one/000000/frame_*.dng --json --quiet
 cp out info.json
 # Four times the time from frame to frame, in the order in which a bracket is sorted.
+for i in 0 1 2 3; do
+    ok "step $i" awk -v a="$(json info.json frames $i exposure_time)" -v b="$(json info.json frames $((i + 1)) exposure_time)" \
+        'BEGIN { exit !(b / a > 3.99 && b / a < 4.01) }'
+done
 run 0 restore one/000000/frame_*.dng -o merged.dng --quiet; exists merged.dng
 run 0 dataset verify one; prints '1 samples, 0 bad'
 run 1 simulate "$screen" -o one "${small[@]}"; says 'is there already'
@@ -125,10 +129,11 @@ run 1 simulate huge.png -o x -q; says 'huge.png'
 [ ! -e x ] || leaves x
 
 # Stopped: what is there is complete, and nothing else is.
-got=$("$helper" stop 300 INT "$brace" simulate "$screen" -o stopped --count 500 --size 320x240 -q 2>err)
+got=$("$helper" stop 1500 INT "$brace" simulate "$screen" -o stopped --count 500 --size 320x240 -q 2>err)
 last='simulate, stopped'
 is 'exit code' "$got" 130
 says 'stopped'
+ok 'something was made' test -d stopped
 for sample in stopped/*/; do [ ! -d "$sample" ] || is "files of $sample" "$(ls -A "$sample" | wc -l)" 7; done
 is 'left over' "$(ls -A stopped | grep -vc '^[0-9]*$')" 0
 

@@ -3,6 +3,7 @@
 # Help, versions, and every way to call it wrongly: exit code 2 and a hint.
 source "$(dirname "$0")/lib.sh"
 make_small
+cp small/frame_3.dng before.dng
 
 run 0 --help; prints 'restore'; prints 'info'; prints 'Usage: brace'
 run 0 -h; prints 'Usage: brace'
@@ -61,7 +62,7 @@ mkdir folder.png
 run 2 restore small/*.dng -o folder.png; says 'is a folder'
 run 1 restore small/*.dng -o nowhere/x.png; says 'nowhere/'
 absent x.png
-ok 'the inputs are untouched' cmp small/frame_3.dng small/frame_3.dng
+ok 'the inputs are untouched' cmp small/frame_3.dng before.dng
 
 # Options in all their spellings, and names that look like options.
 run 0 restore -q -ox.png small/*.dng; silent; exists x.png
@@ -72,6 +73,10 @@ run 2 restore -o.dng small/frame_[345].dng
 run 0 restore -qo dash.png -- -o.dng small/frame_[2345].dng; exists dash.png
 
 # A reader that goes away is an error, not a crash.
-"$brace" info small/*.dng 2>err | true
-is 'a closed pipe' "$("$brace" --help >/dev/full 2>/dev/null; echo $?)" 1
+is 'a full device' "$("$brace" --help >/dev/full 2>/dev/null; echo $?)" 1
+mkfifo pipe
+{ sleep 0.2; "$brace" help restore >&3 2>err; echo $? >code; } 3>pipe &
+: <pipe
+wait $!
+ok "a closed pipe: exit code $(cat code)" grep -qxE '1|141' code
 finish

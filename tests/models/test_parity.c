@@ -36,7 +36,7 @@ static void compare_part(const char *name, const char *part, const float *y, siz
     double most = 0, largest = 0;
     for (size_t i = 0; i < count; i++) {
         const double d = fabs((double)(y[i] - expected[i]));
-        most = d <= most ? most : d; /* NaN wins */
+        most = d > most || isnan(d) ? d : most; /* NaN stays */
         largest = fmax(largest, fabs((double)expected[i]));
     }
     if (!(most <= limit * largest)) {

@@ -26,7 +26,7 @@ static void compare(const char *name, const char *part, const void *data, nn_typ
     double most = 0, largest = 0;
     for (size_t i = 0; i < t->size / 4; i++) {
         const double d = fabs(test_get(data, type, i) - (double)expected[i]);
-        most = d <= most ? most : d; /* NaN wins */
+        most = d > most || isnan(d) ? d : most; /* NaN stays */
         largest = fmax(largest, fabs((double)expected[i]));
     }
     if (!(most <= bound * (1 + largest))) {

@@ -223,6 +223,9 @@ static void test_preview(void **state) {
     brace_frame *f = random_frame(3, 2600, 60);
     brace_image *given = NULL;
     assert_int_equal(brace_image_create(&given, 2600, 60, 3, BRACE_SAMPLE_U16, BRACE_TRANSFER_SRGB, NULL), BRACE_OK);
+    for (size_t i = 0; i < given->stride * given->height / 2; i++) {
+        ((uint16_t *)given->data)[i] = 0xc0c0; /* 192 of 255 */
+    }
     for (int pass = 0; pass < 2; pass++) {
         brace_dng_params params = {.preview = pass == 0 ? given : NULL};
         brace_frame *g = write_and_read(f, &params);
@@ -241,6 +244,11 @@ static void test_preview(void **state) {
         uint8_t *row = malloc((size_t)TIFFScanlineSize(t) * 2 + w * 3);
         TIFFSetField(t, TIFFTAG_JPEGCOLORMODE, JPEGCOLORMODE_RGB);
         assert_int_equal(TIFFReadScanline(t, row, 0, 0), 1);
+        unsigned alike = 0;
+        for (uint32_t i = 0; i < 3 * w; i++) {
+            alike += row[i] >= 188 && row[i] <= 196;
+        }
+        assert_true(pass == 0 ? alike == 3 * w : alike < 2 * w); /* the one that was given; noise, developed */
         free(row);
         TIFFClose(t);
     }

@@ -114,6 +114,7 @@ static void test_turned(void **state) {
         train_crop(a, &to.truth, to.width, &there, SIDE);
         train_crop(b, &from.truth, from.width, &here, SIDE);
         for (int i = 0; i < SIDE * SIDE * 4; i++) {
+            assert_true(isfinite(a[i]) && isfinite(b[i]));
             difference = fmax(difference, fabs((double)a[i] - (double)b[i]));
             spread = fmax(spread, fabs((double)a[i] - (double)a[i % 4]));
         }

@@ -107,6 +107,9 @@ static void same(const char *a, const char *b, const char *file, double toleranc
             memcpy(&u, (const char *)x->data + 4 * k, 4);
             memcpy(&v, (const char *)y->data + 4 * k, 4);
             largest = fmax(largest, fabs((double)u));
+            if (!isfinite(u) || !isfinite(v)) {
+                fail_msg("%s is not finite", x->name);
+            }
             off = fmax(off, fabs((double)u - (double)v));
         }
         if (!(off <= tolerance * largest)) {
