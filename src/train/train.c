@@ -323,12 +323,11 @@ static brace_status loop(run *r, brace_error *error) {
         status = save_state(r, error);
     }
     while (s->step < c->steps && status == BRACE_OK) {
-        bool stop;
+        bool stop = false;
         core_progress(r->job, "training", s->step * batch, c->steps * batch);
         status = check_stop(r, &stop, error);
-        if (status == BRACE_OK && stop) {
-            status = core_fail(error, BRACE_ERROR_CANCELLED, "stopped at step %llu of %llu; --resume goes on",
-                               (unsigned long long)s->step, (unsigned long long)c->steps);
+        if (stop) {
+            status = BRACE_ERROR_CANCELLED;
         }
         if (status == BRACE_OK) {
             status = one_step(r, error);
@@ -340,6 +339,10 @@ static brace_status loop(run *r, brace_error *error) {
             status = save_state(r, error);
             saved = s->step;
         }
+    }
+    if (status == BRACE_ERROR_CANCELLED) { /* between two steps, within one, or within an epoch's end */
+        core_fail(error, BRACE_ERROR_CANCELLED, "stopped at step %llu of %llu; --resume goes on", (unsigned long long)s->step,
+                  (unsigned long long)c->steps);
     }
     if (status == BRACE_ERROR_CANCELLED && saved != s->step) {
         brace_error problem = {0};
