@@ -326,7 +326,7 @@ static brace_status loop(run *r, brace_error *error) {
         bool stop = false;
         core_progress(r->job, "training", s->step * batch, c->steps * batch);
         status = check_stop(r, &stop, error);
-        if (stop) {
+        if (status == BRACE_OK && stop) {
             status = BRACE_ERROR_CANCELLED;
         }
         if (status == BRACE_OK) {
