@@ -8,12 +8,24 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
 #include <sys/mman.h>
 #include <unistd.h>
 
 /* Limits of the readers themselves are generous (400 megapixels). Fuzzing
  * learns nothing from gigabytes of zeros, so targets skip what is larger than this. */
 enum { FUZZ_PIXELS = 1 << 22 };
+
+/* The bytes as text of exactly this size, so that a byte too far is seen; to be freed; NULL: memory ended. */
+static inline char *fuzz_text(const uint8_t *data, size_t size) {
+    char *text = malloc(size + 1);
+    if (text != NULL) {
+        memcpy(text, data, size);
+        text[size] = '\0';
+    }
+    return text;
+}
 
 /* Puts the bytes into a file, its name into `path`; the descriptor, to be closed, or -1. */
 static inline int fuzz_file(const uint8_t *data, size_t size, char path[64]) {

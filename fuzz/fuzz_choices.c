@@ -37,12 +37,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     while (size > 0) {
         const uint8_t *end = memchr(data, '\n', size);
         const size_t n = end != NULL ? (size_t)(end - data) : size;
-        char *line = malloc(n + 1); /* of exactly this size, so that a byte too far is seen */
+        char *line = fuzz_text(data, n);
         if (line == NULL) {
             return 0;
         }
-        memcpy(line, data, n);
-        line[n] = '\0';
         take(&exposures, line, capture_choice_exposure, 1e-6, 86400);
         take(&isos, line, capture_choice_iso, 1, 1e7);
         take(&apertures, line, capture_choice_aperture, 0.5, 128);

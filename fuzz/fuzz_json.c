@@ -19,11 +19,9 @@ static void said(brace_status status, const brace_error *error) {
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    char *text = malloc(size + 1);
+    char *text = fuzz_text(data, size);
     if (text == NULL)
         return 0;
-    memcpy(text, data, size);
-    text[size] = '\0';
     brace_error error = {BRACE_OK, ""};
     sim_display *display = NULL;
     brace_status status = sim_display_parse(&display, text, "fuzz", &error);

@@ -31,11 +31,9 @@ static void sequence(const char *text) {
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    char *text = malloc(size + 1);
+    char *text = fuzz_text(data, size);
     if (text == NULL)
         return 0;
-    memcpy(text, data, size);
-    text[size] = '\0';
     sequence(text);
     const capture_limits limits = {.exposure_min = 1e-5, .exposure_max = 1, .iso_min = 100, .iso_max = 6400};
     capture_plan plan;

@@ -31,9 +31,10 @@ run()
     good=$(grep -cE '"result": "(OK|EXPECTEDFAIL)"' "$log")
     bad=$(grep -cE '"result": "(FAIL|ERROR|TIMEOUT|INTERRUPT|UNEXPECTEDPASS)"' "$log")
     # What a test needs is installed by scripts/deps.sh where that can be; a browser only for check-slow.
-    if command -v apt-get >/dev/null && grep '"result": "SKIP"' "$log" | grep -vq browser-report; then
-        echo "skipped, although everything is installed:"
-        grep '"result": "SKIP"' "$log" | grep -v browser-report | grep -oE '"name": "[^"]*"'
+    local skipped
+    skipped=$(grep '"result": "SKIP"' "$log" | grep -v browser-report | grep -oE '"name": "[^"]*"')
+    if [ -n "$skipped" ] && command -v apt-get >/dev/null; then
+        printf 'skipped, although everything is installed:\n%s\n' "$skipped"
         bad=$((bad + 1))
     fi
     passed=$((passed + good))

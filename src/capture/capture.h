@@ -229,6 +229,10 @@ brace_status capture_run(capture_sequence *out, const capture_backend *backend, 
                          const char *folder, const capture_run_params *params, const brace_job *job,
                          brace_error *error);
 
+/* What capture_run has left of a sequence: nothing, frames of one that was interrupted, or all of it. */
+typedef enum capture_left { CAPTURE_LEFT_NOTHING, CAPTURE_LEFT_FRAMES, CAPTURE_LEFT_ALL } capture_left;
+brace_status capture_left_of(capture_left *out, const char *folder, brace_error *error);
+
 /* ---- check.c ---- */
 
 enum { CAPTURE_CHECK_FILES = 20, CAPTURE_PROBLEMS_MAX = 64 };

@@ -111,7 +111,7 @@ static brace_status read_files(checker *c, brace_error *error) {
         brace_frame *frame = NULL;
         core_progress(c->job, "reading", i, c->count);
         brace_status status = brace_frame_read(&frame, c->paths[i], &job, &why);
-        if (status == BRACE_ERROR_MEMORY || status == BRACE_ERROR_CANCELLED)
+        if (core_gave_up(status))
             return core_fail(error, status, "%s", why.message);
         f->readable = status == BRACE_OK;
         if (!f->readable) {

@@ -63,7 +63,7 @@ static brace_status reopen(capture_session *s, brace_error *error) {
         capture_address again = *s->address;
         again.shots = s->sequence->counts.asked;
         status = s->backend->open(&s->camera, &again, s->job, error);
-        if (status == BRACE_ERROR_CANCELLED || status == BRACE_ERROR_MEMORY)
+        if (core_gave_up(status))
             return status;
     }
     if (status != BRACE_OK) {
@@ -90,9 +90,7 @@ static brace_status release(capture_session *s, capture_shot *shot, const char *
             return BRACE_OK;
         }
         const char *message = problem.message;
-        const capture_trouble trouble = status == BRACE_ERROR_CANCELLED || status == BRACE_ERROR_MEMORY
-                                            ? CAPTURE_TROUBLE_FINAL
-                                            : shot->report.trouble;
+        const capture_trouble trouble = core_gave_up(status) ? CAPTURE_TROUBLE_FINAL : shot->report.trouble;
         brace_status next = BRACE_OK;
         switch (trouble) {
         case CAPTURE_TROUBLE_BUSY:
@@ -415,7 +413,7 @@ static brace_status prepare(capture_session *s, brace_error *error) {
             continue;
         const capture_shot was = *shot;
         const brace_status found = recheck(s, i, &problem);
-        if (found == BRACE_ERROR_CANCELLED || found == BRACE_ERROR_MEMORY) { /* says nothing about the file */
+        if (core_gave_up(found)) {
             if (error != NULL)
                 *error = problem;
             return found;

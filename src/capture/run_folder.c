@@ -81,6 +81,24 @@ static brace_status name_folders(capture_session *s, const char *folder, brace_e
     return BRACE_OK;
 }
 
+brace_status capture_left_of(capture_left *out, const char *folder, brace_error *error) {
+    static const char description[] = "sequence.json";
+    capture_session s = {0};
+    char path[PATH_MAX];
+    brace_status status = name_folders(&s, folder, error);
+    if (status == BRACE_OK) {
+        char *all = dataset_path(s.final, description);
+        const bool frames = session_path(path, &s, description) && access(path, F_OK) == 0;
+        *out = frames ? CAPTURE_LEFT_FRAMES : CAPTURE_LEFT_NOTHING;
+        if (all != NULL && access(all, F_OK) == 0)
+            *out = CAPTURE_LEFT_ALL;
+        core_free(all);
+    }
+    core_free(s.final);
+    core_free(s.folder);
+    return status;
+}
+
 static brace_status lock(capture_session *s, brace_error *error) {
     s->lock = open(s->folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (s->lock < 0)

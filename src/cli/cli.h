@@ -113,6 +113,9 @@ void cli_paths_free(cli_paths *paths);
  * `least` others stay. True if there was one; `name` is told. */
 bool cli_paths_leave_truth(cli_paths *paths, size_t least, char *name, size_t size);
 
+/* The folder that a file's name puts it into, "." if it says none; to be freed; NULL when memory ends. */
+char *cli_folder_of(const char *path);
+
 /* Whether two names lead to the same file, whether it exists yet or not. */
 bool cli_same_file(const char *a, const char *b);
 

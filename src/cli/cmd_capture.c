@@ -324,10 +324,10 @@ static void on_event(void *user, const capture_event *event) {
 }
 
 /* One sequence. */
-static brace_status shoot(const arguments *a, const char *folder, live *l, uint64_t *asked, capture_sequence *out,
-                          const brace_job *job, brace_error *error) {
+static brace_status shoot(const arguments *a, const char *folder, bool resume, live *l, uint64_t *asked,
+                          capture_sequence *out, const brace_job *job, brace_error *error) {
     const capture_run_params params = {.plan = a->plan,
-                                       .resume = a->resume,
+                                       .resume = resume,
                                        .own_plan = a->time != NULL || a->list != NULL || a->iso != 0 ||
                                                    a->frames != 0 || a->step != 0 || a->no_truth,
                                        .restart = a->restart,
@@ -356,26 +356,6 @@ static void say_left(const capture_sequence *q, const char *command, bool accept
                   "keeps frames that contradict others");
 }
 
-static bool there(const char *folder, const char *format, int number, const char *file) {
-    char path[PATH_MAX];
-    const int n = snprintf(path, sizeof path, "%s/", folder);
-    return n < PATH_MAX - 32 && snprintf(path + n, sizeof path - (size_t)n, format, number, file) < PATH_MAX - n &&
-           access(path, F_OK) == 0;
-}
-
-/* Sequence i of several: with --resume and --restart those that are complete stay, and only one that was interrupted is
- * gone on with, or thrown away. False: it is complete. */
-static bool next_repeat(arguments *one, const arguments *a, int i) {
-    *one = *a;
-    if (a->repeat > 1 && (a->resume || a->restart)) {
-        if (there(a->output, "%02d/%s", i, "sequence.json"))
-            return false;
-        if (!there(a->output, ".capture-%02d/%s", i, "sequence.json"))
-            one->resume = false;
-    }
-    return true;
-}
-
 static int shoot_repeats(const char *command, const arguments *a) {
     brace_job job;
     cli_report report;
@@ -400,11 +380,14 @@ static int shoot_repeats(const char *command, const arguments *a) {
             status = core_fail(&error, BRACE_ERROR_ARGUMENT, "%.200s...: the name is too long", a->output);
             break;
         }
-        arguments one;
-        if (!next_repeat(&one, a, i))
+        /* Of several, those that are complete stay, and only one that was interrupted is gone on with. */
+        capture_left left = CAPTURE_LEFT_FRAMES;
+        if (a->repeat > 1 && (a->resume || a->restart))
+            status = capture_left_of(&left, folder, &error);
+        if (status != BRACE_OK || left == CAPTURE_LEFT_ALL)
             continue;
         capture_sequence_free(q);
-        status = shoot(&one, folder, &l, &asked, q, &job, &error);
+        status = shoot(a, folder, a->resume && left == CAPTURE_LEFT_FRAMES, &l, &asked, q, &job, &error);
         cli_report_flush(&report);
         if (status == BRACE_OK && a->json) {
             json_t *o = capture_sequence_json(q);

@@ -10,6 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/core.h"
+
 static const char command[] = "info";
 
 /* What is shown of a frame: its fields without its pixels. */
@@ -344,7 +346,7 @@ static bool judge(state *s, const brace_job *job) {
     brace_bracket *bracket = NULL;
     brace_error error = {0};
     brace_status status = brace_bracket_create(&bracket, s->frames, s->frame_count, NULL, job, &error);
-    if (status == BRACE_ERROR_CANCELLED || status == BRACE_ERROR_MEMORY) {
+    if (core_gave_up(status)) {
         cli_error(command, "%s", error.message);
         return false;
     }

@@ -13,7 +13,6 @@
 #include <sys/stat.h>
 
 #include "core/core.h"
-#include "raw/raw.h"
 
 static const char command[] = "restore";
 
@@ -412,17 +411,6 @@ static bool is_page(const char *path) {
            (stat(path, &info) == 0 && !S_ISREG(info.st_mode));
 }
 
-static bool is_result(const char *path) {
-    brace_frame *frame = NULL;
-    bool ours = false;
-    if (brace_frame_read(&frame, path, NULL, NULL) == BRACE_OK) {
-        const raw_tag *software = frame->tags != NULL ? raw_tags_find(frame->tags, RAW_IFD_MAIN, 305) : NULL;
-        ours = software != NULL && memmem(software->bytes, software->count, outputs_restored, strlen(outputs_restored)) != NULL;
-    }
-    brace_frame_destroy(frame);
-    return ours;
-}
-
 /* A result of before, in the folder of the frames, may be replaced; a photograph of the folder may not, although the name
  * of the output keeps it from being taken for a frame. -1 to go on. */
 static int spare_frames(const arguments *a) {
@@ -432,13 +420,13 @@ static int spare_frames(const arguments *a) {
         if (!cli_is_raw_name(path) || stat(path, &info) != 0 || !S_ISREG(info.st_mode)) {
             continue;
         }
-        char *folder = strndup(path, (size_t)(cli_basename(path) - path));
+        char *folder = cli_folder_of(path);
         bool inside = false;
         for (size_t k = 0; k < a->frames.count && folder != NULL; k++) {
-            inside = inside || cli_same_file(folder[0] != '\0' ? folder : ".", a->frames.items[k]);
+            inside = inside || cli_same_file(folder, a->frames.items[k]);
         }
         free(folder);
-        if (inside && !is_result(path)) {
+        if (inside && !outputs_is_result(path)) {
             return cli_wrong_usage(command, "the output %s is one of the inputs; it would be overwritten", path);
         }
     }
@@ -485,11 +473,13 @@ static int run(arguments *a, cli_paths *frames, double **exposures) {
         code = CLI_FAILED;
     }
     if (code < 0) {
-        code = outputs_check(&all, frames, command);
-    }
-    if (code < 0 && a->truth != NULL) {
-        const cli_paths truths = {(char **)(uintptr_t)&a->truth, 1};
-        code = outputs_check(&all, &truths, command);
+        char *read[BRACE_BRACKET_MAX + 1];
+        cli_paths inputs = {read, frames->count};
+        memcpy(read, frames->items, frames->count * sizeof *read);
+        if (a->truth != NULL) {
+            read[inputs.count++] = (char *)(uintptr_t)a->truth; /* only looked at */
+        }
+        code = outputs_check(&all, &inputs, command);
     }
     if (code < 0 && a->page != NULL && !is_page(a->page)) {
         code = cli_wrong_usage(command, "--report takes the name of an HTML file, and %s does not end in .html", a->page);

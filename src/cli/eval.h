@@ -78,7 +78,7 @@ const char *eval_group_text(char *text, size_t size, const eval_group *group);
 
 typedef struct eval_mean {
     double mean[METRICS], deviation[METRICS]; /* PSNR of equal pictures counts as 100 dB; NaN: not measured */
-    brace_sfc sfc, sfc_deviation; /* all NaN: of none */
+    double parts[SFC_PARTS], parts_deviation[SFC_PARTS]; /* of SFC; NaN: not measured */
     size_t count, worse; /* measured; of lower PSNR than the reference frame */
     double seconds;      /* NaN: none was measured */
 } eval_mean;

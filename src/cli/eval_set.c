@@ -314,12 +314,7 @@ eval_mean eval_mean_of(const eval_set *set, const eval_group *g, size_t method) 
         }
     }
     out.seconds = out.count > 0 ? out.seconds / (double)out.count : NAN;
-    if (parts != NULL && measured > 0) {
-        brace_sfc_summary(&out.sfc, &out.sfc_deviation, parts, measured);
-    } else { /* no parts are not perfect ones */
-        out.sfc = out.sfc_deviation = (brace_sfc){.sfc = NAN, .d_ratio = NAN, .d_profile = NAN, .delta_ratio = NAN,
-                                                  .delta_profile = NAN, .rho_pred = NAN, .rho_gt = NAN, .gate = NAN};
-    }
+    metrics_sfc_summary(out.parts, out.parts_deviation, parts, measured);
     core_free(parts);
     return out;
 }

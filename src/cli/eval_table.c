@@ -5,14 +5,6 @@
 #include <math.h>
 #include <string.h>
 
-enum { SFC_PARTS = 4 };
-static const char *const part_names[SFC_PARTS] = {"d_ratio", "d_profile", "delta_ratio", "delta_profile"};
-static const char *const part_heads[SFC_PARTS] = {"D_ratio", "D_profile", "ratio, signed", "profile, signed"};
-
-static void parts_of(double out[SFC_PARTS], const brace_sfc *s) {
-    out[0] = s->d_ratio, out[1] = s->d_profile, out[2] = s->delta_ratio, out[3] = s->delta_profile;
-}
-
 static int label_width(const eval_set *set) {
     int width = 10;
     for (size_t m = 0; m < set->methods; m++) {
@@ -47,20 +39,17 @@ static void print_parts(const eval_set *set, const eval_group *g, int width) {
     char text[128];
     printf("\nSFC in parts, mean and deviation: %s\n%*s", eval_group_text(text, sizeof text, g), width, "");
     for (int k = 0; k < SFC_PARTS; k++) {
-        printf("  %17s", part_heads[k]);
+        printf("  %17s", metrics_sfc_heads[k]);
     }
     putchar('\n');
     for (size_t m = 0; m < set->methods; m++) {
         const eval_mean mean = eval_mean_of(set, g, m);
-        double parts[SFC_PARTS], deviation[SFC_PARTS];
-        parts_of(parts, &mean.sfc);
-        parts_of(deviation, &mean.sfc_deviation);
         printf("  %-*s", width - 2, set->method[m].label);
         for (int k = 0; k < SFC_PARTS; k++) {
-            if (isnan(parts[k])) {
+            if (isnan(mean.parts[k])) {
                 printf("  %17s", "-");
             } else {
-                printf("  %8.3f +-%7.3f", parts[k], deviation[k]);
+                printf("  %8.3f +-%7.3f", mean.parts[k], mean.parts_deviation[k]);
             }
         }
         putchar('\n');
@@ -102,13 +91,10 @@ static json_t *mean_json(const eval_set *set, const eval_group *g, size_t method
                                           cli_json_number(mean.deviation[k])));
         }
     }
-    double parts[SFC_PARTS], deviation[SFC_PARTS];
-    parts_of(parts, &mean.sfc);
-    parts_of(deviation, &mean.sfc_deviation);
     json_t *sfc = json_object();
     for (int k = 0; k < SFC_PARTS; k++) {
-        json_object_set_new(sfc, part_names[k], json_pack("{s:o, s:o}", "mean", cli_json_number(parts[k]), "deviation",
-                                                          cli_json_number(deviation[k])));
+        json_object_set_new(sfc, metrics_sfc_names[k], json_pack("{s:o, s:o}", "mean", cli_json_number(mean.parts[k]), "deviation",
+                                                          cli_json_number(mean.parts_deviation[k])));
     }
     json_object_set_new(out, "sfc_parts", sfc);
     json_object_set_new(out, "count", json_integer((json_int_t)mean.count));
@@ -183,7 +169,7 @@ brace_status eval_csv(const eval_set *set, const char *path, brace_error *error)
         }
     }
     for (int k = 0; k < SFC_PARTS; k++) {
-        fprintf(f, ",sfc_%s", part_names[k]);
+        fprintf(f, ",sfc_%s", metrics_sfc_names[k]);
     }
     fputs(",reference_psnr,seconds\r\n", f);
     for (size_t i = 0; i < set->count; i++) {
@@ -206,7 +192,7 @@ brace_status eval_csv(const eval_set *set, const char *path, brace_error *error)
                     }
                 }
             }
-            parts_of(parts, &r->measured.sfc);
+            metrics_sfc_parts(parts, &r->measured.sfc);
             for (int k = 0; k < SFC_PARTS; k++) {
                 putc(',', f);
                 if (!isnan(r->measured.value[SFC])) {

@@ -39,31 +39,34 @@ void metrics_table_summary(const metrics_table *t, metric m, double *mean, doubl
 }
 
 /* The parts of the SFC, as the paper's table of them has them. */
-enum { SFC_PARTS = 4 };
-static const char *const part_names[SFC_PARTS] = {"d_ratio", "d_profile", "delta_ratio", "delta_profile"};
+const char *const metrics_sfc_names[SFC_PARTS] = {"d_ratio", "d_profile", "delta_ratio", "delta_profile"};
+const char *const metrics_sfc_heads[SFC_PARTS] = {"D_ratio", "D_profile", "ratio, signed", "profile, signed"};
 
-static void sfc_parts(double parts[SFC_PARTS], const brace_sfc *sfc) {
+void metrics_sfc_parts(double parts[SFC_PARTS], const brace_sfc *sfc) {
     parts[0] = sfc->d_ratio, parts[1] = sfc->d_profile, parts[2] = sfc->delta_ratio, parts[3] = sfc->delta_profile;
+}
+
+void metrics_sfc_summary(double mean[SFC_PARTS], double deviation[SFC_PARTS], const brace_sfc *items, size_t count) {
+    brace_sfc sums[2];
+    brace_sfc_summary(&sums[0], &sums[1], items, count);
+    metrics_sfc_parts(mean, &sums[0]);
+    metrics_sfc_parts(deviation, &sums[1]);
+    for (int k = 0; k < SFC_PARTS && count == 0; k++) {
+        mean[k] = deviation[k] = NAN;
+    }
 }
 
 /* Mean and deviation of the parts over all pairs whose SFC was measured. */
 static void sfc_parts_summary(const metrics_table *t, double mean[SFC_PARTS], double deviation[SFC_PARTS]) {
-    brace_sfc *items = core_alloc(t->pairs.count + 1, sizeof *items), sums[2] = {{0}};
+    brace_sfc *items = core_alloc(t->pairs.count + 1, sizeof *items);
     size_t count = 0;
     for (size_t i = 0; i < t->pairs.count && items != NULL; i++) {
         if (!isnan(t->results[i].value[SFC])) {
             items[count++] = t->results[i].sfc;
         }
     }
-    if (count > 0) {
-        brace_sfc_summary(&sums[0], &sums[1], items, count);
-    }
+    metrics_sfc_summary(mean, deviation, items, count);
     core_free(items);
-    sfc_parts(mean, &sums[0]);
-    sfc_parts(deviation, &sums[1]);
-    for (int k = 0; k < SFC_PARTS && count == 0; k++) {
-        mean[k] = deviation[k] = NAN;
-    }
 }
 
 static const char *number(char buffer[32], double value, int digits) {
@@ -111,10 +114,9 @@ void metrics_table_print(const metrics_table *t) {
     if (t->wanted[SFC] && !isnan(mean[SFC])) {
         double parts[SFC_PARTS], spread[SFC_PARTS];
         sfc_parts_summary(t, parts, spread);
-        static const char *const heads[SFC_PARTS] = {"D_ratio", "D_profile", "ratio, signed", "profile, signed"};
         printf("\n%-17s %9s  %9s\n", "SFC in parts", "mean", "deviation");
         for (int k = 0; k < SFC_PARTS; k++) {
-            printf("  %-15s %9.4f  %9.4f\n", heads[k], parts[k], spread[k]);
+            printf("  %-15s %9.4f  %9.4f\n", metrics_sfc_heads[k], parts[k], spread[k]);
         }
     }
 }
@@ -163,7 +165,7 @@ json_t *metrics_table_json(const metrics_table *t, const cli_report *report) {
         json_t *parts = json_object();
         sfc_parts_summary(t, mean, deviation);
         for (int k = 0; k < SFC_PARTS; k++) {
-            json_object_set_new(parts, part_names[k],
+            json_object_set_new(parts, metrics_sfc_names[k],
                                 json_pack("{s:o, s:o}", "mean", cli_json_number(mean[k]), "deviation",
                                           cli_json_number(deviation[k])));
         }
@@ -229,7 +231,7 @@ brace_status metrics_table_csv(const metrics_table *t, const char *path, brace_e
         }
     }
     for (int k = 0; k < SFC_PARTS && t->wanted[SFC]; k++) {
-        fprintf(f, ",sfc_%s", part_names[k]);
+        fprintf(f, ",sfc_%s", metrics_sfc_names[k]);
     }
     fputs("\r\n", f);
     double parts[SFC_PARTS], spread[SFC_PARTS];
@@ -240,7 +242,7 @@ brace_status metrics_table_csv(const metrics_table *t, const char *path, brace_e
         metrics_csv_text(f, p->pred);
         putc(',', f);
         metrics_csv_text(f, p->gt);
-        sfc_parts(parts, &t->results[i].sfc);
+        metrics_sfc_parts(parts, &t->results[i].sfc);
         csv_values(t, f, t->results[i].value, parts);
     }
     sfc_parts_summary(t, parts, spread);

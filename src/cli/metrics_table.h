@@ -40,6 +40,13 @@ brace_status metrics_read_pair(brace_image *picture[2], const cli_pair *pair, co
 brace_status metrics_measure(result *r, metric m, const brace_perceptual *perceptual, brace_image *const picture[2],
                              double direction, const brace_job *job, brace_error *error);
 
+/* The parts of SFC: |D_ratio|, |D_profile|, and both signed. */
+enum { SFC_PARTS = 4 };
+extern const char *const metrics_sfc_names[SFC_PARTS], *const metrics_sfc_heads[SFC_PARTS]; /* in files; in tables */
+void metrics_sfc_parts(double parts[SFC_PARTS], const brace_sfc *sfc);
+/* Their mean and deviation over a set; NaN for an empty one: no parts are not perfect ones. */
+void metrics_sfc_summary(double mean[SFC_PARTS], double deviation[SFC_PARTS], const brace_sfc *items, size_t count);
+
 /* RFC 4180: quoted where a comma, a quote or a new line is in it. */
 void metrics_csv_text(FILE *f, const char *text);
 

@@ -13,6 +13,9 @@
 #include <unistd.h>
 
 #include "core/core.h"
+#include "raw/raw.h"
+
+static const char restored_mark[] = ", restored"; /* at the end of a DNG's Software */
 
 static const struct {
     const char *word; /* extension, and value of --format */
@@ -82,8 +85,6 @@ int outputs_init(outputs *out, const cli_list *paths, const char *format, const 
     return -1;
 }
 
-const char outputs_restored[] = ", restored";
-
 int outputs_check(const outputs *out, const cli_paths *inputs, const char *command) {
     bool bits_possible = out->bits == 0;
     for (size_t i = 0; i < out->count; i++) {
@@ -107,8 +108,7 @@ int outputs_check(const outputs *out, const cli_paths *inputs, const char *comma
             continue;
         }
         /* An absent folder is found now and not after the work is done. */
-        size_t n = (size_t)(cli_basename(path) - path);
-        char *folder = n > 0 ? strndup(path, n) : strdup(".");
+        char *folder = cli_folder_of(path);
         if (folder == NULL) {
             cli_error(command, "out of memory");
             return CLI_FAILED;
@@ -193,7 +193,7 @@ brace_status outputs_write(outputs *out, const brace_restored *restored, const b
         if (status == BRACE_OK && o->format == OUTPUT_DNG) {
             /* Makes its own preview, so that the same bracket gives the same file beside any other outputs. */
             char software[64];
-            snprintf(software, sizeof software, "BRACE %s%s", brace_version(), outputs_restored);
+            snprintf(software, sizeof software, "BRACE %s%s", brace_version(), restored_mark);
             const brace_dng_params params = {.software = software};
             status = brace_frame_write_dng(restored->frame, o->path, &params, job, error);
         } else if (status == BRACE_OK) {
@@ -204,4 +204,15 @@ brace_status outputs_write(outputs *out, const brace_restored *restored, const b
     out->seconds_write = core_seconds() - start;
     brace_image_destroy(picture);
     return status;
+}
+
+bool outputs_is_result(const char *path) {
+    brace_frame *frame = NULL;
+    bool ours = false;
+    if (brace_frame_read(&frame, path, NULL, NULL) == BRACE_OK && frame->tags != NULL) {
+        const raw_tag *software = raw_tags_find(frame->tags, RAW_IFD_MAIN, 305);
+        ours = software != NULL && memmem(software->bytes, software->count, restored_mark, strlen(restored_mark)) != NULL;
+    }
+    brace_frame_destroy(frame);
+    return ours;
 }

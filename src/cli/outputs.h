@@ -47,8 +47,8 @@ bool outputs_use_stdout(const outputs *out);
 /* Writes all. */
 brace_status outputs_write(outputs *out, const brace_restored *restored, const brace_job *job, brace_error *error);
 
-/* What the Software tag of a DNG ends in that brace restore has written. */
-extern const char outputs_restored[];
+/* Whether a DNG is one that outputs_write has written. */
+bool outputs_is_result(const char *path);
 
 const char *output_format_name(output_format format);
 

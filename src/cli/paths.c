@@ -37,9 +37,13 @@ bool cli_is_raw_name(const char *name) {
 }
 
 /* The folder's device and inode, and the name in it: what identifies a file that does not exist yet. */
-static bool folder_of(const char *path, struct stat *info) {
+char *cli_folder_of(const char *path) {
     size_t n = (size_t)(cli_basename(path) - path);
-    char *folder = n > 0 ? strndup(path, n) : strdup(".");
+    return n > 0 ? strndup(path, n) : strdup(".");
+}
+
+static bool folder_of(const char *path, struct stat *info) {
+    char *folder = cli_folder_of(path);
     bool found = folder != NULL && stat(folder, info) == 0;
     free(folder);
     return found;

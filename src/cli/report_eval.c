@@ -25,6 +25,15 @@ static void write_number(FILE *f, double value, int digits) {
     }
 }
 
+static void write_spread(FILE *f, double mean, double deviation, int digits) {
+    if (isnan(mean)) {
+        write_number(f, mean, digits);
+    } else {
+        fprintf(f, "<td data-v=\"%.9g\">%.*f <span class=\"none\">\xc2\xb1 %.*f</span></td>", mean, digits, mean, digits,
+                deviation);
+    }
+}
+
 static void begin_table(FILE *f, const char *label, bool tall) {
     fprintf(f, "<div class=\"scroll%s\" tabindex=\"0\" role=\"region\" aria-label=\"%s\"><table class=\"sortable\">\n"
                "<thead><tr>", tall ? " long" : "", label);
@@ -49,14 +58,13 @@ static void write_mean(FILE *f, const eval_set *set, const eval_mean *mean, bool
         if (!set->wanted[m]) {
             continue;
         }
-        if (!deviation || isnan(mean->mean[m])) {
-            write_number(f, mean->mean[m], metric_kinds[m].digits);
+        if (deviation) {
+            write_spread(f, mean->mean[m], mean->deviation[m], metric_kinds[m].digits);
         } else {
-            fprintf(f, "<td data-v=\"%.9g\">%.*f <span class=\"none\">\xc2\xb1 %.*f</span></td>", mean->mean[m],
-                    metric_kinds[m].digits, mean->mean[m], metric_kinds[m].digits, mean->deviation[m]);
+            write_number(f, mean->mean[m], metric_kinds[m].digits);
         }
     }
-    fprintf(f, "<td data-v=\"%zu\">%zu</td>", mean->worse, mean->worse);
+    write_number(f, mean->count > 0 ? (double)mean->worse : NAN, 0);
     write_number(f, mean->seconds, 2);
 }
 
@@ -83,20 +91,11 @@ static void write_parts(FILE *f, const eval_set *set, const eval_group *group) {
           "<th scope=\"col\" data-number>Profile, signed</th></tr></thead>\n<tbody>\n", f);
     for (size_t m = 0; m < set->methods; m++) {
         const eval_mean mean = eval_mean_of(set, group, m);
-        const double values[4][2] = {{mean.sfc.d_ratio, mean.sfc_deviation.d_ratio},
-                                     {mean.sfc.d_profile, mean.sfc_deviation.d_profile},
-                                     {mean.sfc.delta_ratio, mean.sfc_deviation.delta_ratio},
-                                     {mean.sfc.delta_profile, mean.sfc_deviation.delta_profile}};
         fputs("<tr><th class=\"name\" scope=\"row\">", f);
         report_name(f, set->method[m].label);
         fputs("</th>", f);
-        for (int k = 0; k < 4; k++) {
-            if (isnan(values[k][0])) {
-                fputs("<td>-</td>", f);
-                continue;
-            }
-            fprintf(f, "<td data-v=\"%.9g\">%.3f <span class=\"none\">\xc2\xb1 %.3f</span></td>", values[k][0], values[k][0],
-                    values[k][1]);
+        for (int k = 0; k < SFC_PARTS; k++) {
+            write_spread(f, mean.parts[k], mean.parts_deviation[k], 3);
         }
         fputs("</tr>\n", f);
     }

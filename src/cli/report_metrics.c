@@ -129,7 +129,7 @@ static brace_status read_again(brace_image *picture[2], const cli_pair *pair, co
                                bool *there) {
     const brace_status status = metrics_read_pair(picture, pair, job, error);
     *there = status == BRACE_OK;
-    return status == BRACE_ERROR_CANCELLED || status == BRACE_ERROR_MEMORY ? status : BRACE_OK;
+    return core_gave_up(status) ? status : BRACE_OK;
 }
 
 /* The viewer with the worst pair; the others in templates. `shown` tells which have their pictures in the file. */

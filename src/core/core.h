@@ -36,6 +36,11 @@ void core_progress(const brace_job *job, const char *stage, uint64_t done, uint6
 /* True once the job was cancelled. */
 bool core_cancelled(const brace_job *job);
 
+/* Cancelled, or out of memory: an end that says nothing about what was looked at. */
+static inline bool core_gave_up(brace_status status) {
+    return status == BRACE_ERROR_CANCELLED || status == BRACE_ERROR_MEMORY;
+}
+
 /* BRACE_ERROR_CANCELLED with its sentence, or BRACE_OK. */
 brace_status core_check_cancel(const brace_job *job, brace_error *error);
 

@@ -114,24 +114,23 @@ void core_sha256_end(core_sha256 *hash, char hex[65]) {
 }
 
 brace_status core_sha256_file(char hex[65], const char *path, uint64_t *size, brace_error *error) {
-    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     unsigned char *buffer = core_alloc(1 << 18, 1);
+    if (buffer == NULL) {
+        return core_fail_memory(error, 1 << 18, path);
+    }
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     core_sha256 hash;
     core_sha256_begin(&hash);
     ssize_t n = -1;
-    if (fd >= 0 && buffer != NULL) {
+    if (fd >= 0) {
         while ((n = read(fd, buffer, 1 << 18)) > 0 || (n < 0 && errno == EINTR)) {
             core_sha256_add(&hash, buffer, n > 0 ? (size_t)n : 0);
         }
     }
     int code = errno;
-    const bool memory = buffer != NULL;
     core_free(buffer);
     if (fd >= 0) {
         close(fd);
-        if (!memory) {
-            return core_fail_memory(error, 1 << 18, path);
-        }
     }
     if (n < 0) {
         return core_fail(error, BRACE_ERROR_IO, "%s: cannot read: %s", path, strerror(code));

@@ -2,7 +2,6 @@
 /*
  * weights.c: finds the published weights of LPIPS and DISTS in a folder, or says what to download.
  */
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -42,15 +41,17 @@ enum { KINDS = sizeof files / sizeof files[0] };
 typedef struct source {
     nn_pth *file[2];
     char path[2][4096];
+    int at; /* the file of the last tensor, which an error is about */
 } source;
 
 static brace_status tensor(void *arg, float *values, const char *name, const size_t shape[4], brace_error *error) {
-    const source *s = arg;
+    source *s = arg;
     for (int f = 0; f < 2; f++) {
         const core_tensor *t = nn_pth_find(s->file[f], name);
         if (t == NULL) {
             continue;
         }
+        s->at = f;
         /* A vector may come with sides of 1 around it, or without. */
         size_t count = 1, have = 1;
         bool same = t->dtype == CORE_F32;
@@ -63,20 +64,13 @@ static brace_status tensor(void *arg, float *values, const char *name, const siz
         }
         if (!same || have != count) {
             return core_fail(error, BRACE_ERROR_FORMAT,
-                             "%s: the weights '%s' do not fit; is this file another network than its name says?",
-                             s->path[f], name);
+                             "the weights '%s' do not fit; is this file another network than its name says?", name);
         }
         memcpy(values, t->data, count * sizeof *values);
-        for (size_t i = 0; i < count; i++) {
-            if (!isfinite(values[i])) {
-                return core_fail(error, BRACE_ERROR_FORMAT, "%s: the weights '%s' hold infinite values or NaN", s->path[f],
-                                 name);
-            }
-        }
         return BRACE_OK;
     }
-    return core_fail(error, BRACE_ERROR_FORMAT, "%s: the weights '%s' are not in it, nor in %s", s->path[0], name,
-                     s->path[1]);
+    s->at = 0;
+    return core_fail(error, BRACE_ERROR_FORMAT, "the weights '%s' are not in it, nor in %s", name, s->path[1]);
 }
 
 static bool find(char path[4096], const char *folder, const published *file) {
@@ -121,6 +115,9 @@ brace_status brace_perceptual_load(brace_perceptual **out, brace_perceptual_kind
     }
     if (status == BRACE_OK) {
         status = metrics_perceptual_create(out, kind, tensor, s, error);
+        if (status == BRACE_ERROR_FORMAT) {
+            core_error_prefix(error, s->path[s->at]);
+        }
     }
     nn_pth_close(s->file[0]);
     nn_pth_close(s->file[1]);

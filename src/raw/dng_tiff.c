@@ -363,7 +363,9 @@ static void put_behind(memory_file *m, uint8_t *entry, const raw_tag *t) {
     if (at + t->count > m->capacity || at + t->count > UINT32_MAX) {
         return;
     }
-    m->data[at - 1] = at > m->size ? 0 : m->data[at - 1];
+    if (at > m->size) {
+        m->data[m->size] = 0;
+    }
     memcpy(m->data + at, t->bytes, t->count);
     m->size = at + t->count;
     for (int k = 0; k < 4; k++) {

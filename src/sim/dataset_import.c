@@ -8,6 +8,7 @@
  */
 #include <dirent.h>
 #include <errno.h>
+#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -261,17 +262,9 @@ static brace_status place(char **final, bool *there, const char *out, const char
                           brace_error *error) {
     *there = false;
     for (unsigned n = 1;; n++) {
-        char suffix[16] = "";
-        if (n > 1) {
-            snprintf(suffix, sizeof suffix, "-%u", n);
-        }
-        char *base = dataset_path(out, name);
-        const size_t room = base != NULL ? strlen(base) + sizeof suffix : 0;
-        *final = room > 0 ? core_alloc(room, 1) : NULL;
-        if (*final != NULL) {
-            snprintf(*final, room, "%s%s", base, suffix);
-        }
-        core_free(base);
+        char numbered[NAME_MAX + 16];
+        snprintf(numbered, sizeof numbered, "%s-%u", name, n);
+        *final = dataset_path(out, n > 1 ? numbered : name);
         if (*final == NULL) {
             return core_fail_memory(error, 256, "a name");
         }
@@ -319,7 +312,7 @@ static brace_status import_capture(const importer *im, const char *folder, const
             inner = import_files(im, paths, name, hashes, final, &displacement, &problem);
         }
         /* A full disk or an end of memory is nobody's capture's fault. */
-        if (inner == BRACE_ERROR_MEMORY || inner == BRACE_ERROR_IO || inner == BRACE_ERROR_CANCELLED) {
+        if (inner == BRACE_ERROR_IO || core_gave_up(inner)) {
             status = core_fail(error, inner, "%s", problem.message);
         } else {
             *(inner == BRACE_OK ? &im->done->good : &im->done->rejected) += 1;

@@ -97,7 +97,7 @@ static brace_status check_bracket(verifier *v, const char *sample, dataset_loade
     brace_error problem = {0};
     brace_job quiet = {.threads = job != NULL ? job->threads : 0, .cancel = job != NULL ? job->cancel : NULL};
     const brace_status status = brace_bracket_create(&bracket, s->frames, s->count, NULL, &quiet, &problem);
-    if (status == BRACE_ERROR_MEMORY || status == BRACE_ERROR_CANCELLED) { /* says nothing about the bracket */
+    if (core_gave_up(status)) {
         return core_fail(error, status, "%s", problem.message);
     }
     if (status != BRACE_OK) {
@@ -133,7 +133,7 @@ static brace_status verify_sample(verifier *v, const dataset_sample *sample, con
     v->out->samples++;
     brace_job quiet = {.threads = job != NULL ? job->threads : 0, .cancel = job != NULL ? job->cancel : NULL};
     brace_status status = dataset_load(&s, sample->folder, &quiet, &problem);
-    if (status == BRACE_ERROR_MEMORY || status == BRACE_ERROR_CANCELLED) {
+    if (core_gave_up(status)) {
         return core_fail(error, status, "%s", problem.message);
     }
     if (status != BRACE_OK) {

@@ -323,7 +323,7 @@ static brace_status loop(run *r, brace_error *error) {
         status = save_state(r, error);
     }
     while (s->step < c->steps && status == BRACE_OK) {
-        bool stop = false;
+        bool stop;
         core_progress(r->job, "training", s->step * batch, c->steps * batch);
         status = check_stop(r, &stop, error);
         if (status == BRACE_OK && stop) {

@@ -34,7 +34,7 @@ is 'threads change nothing' "$(sed 's/"seconds":.*//' out | cmp - <(sed 's/"seco
 run 1 eval --data set --method reference,net.safetensors --memory 1 --html none.html -q; alone none.html
 ok 'the net has rows' grep -qE '^  net ' out
 is 'rows of the net without a number' "$(grep -cE '^  net( +-)+$' out)" "$(grep -cE '^  net ' out)"
-ok 'no parts' grep -q '>net</bdi></th><td>-</td><td>-</td><td>-</td><td>-</td></tr>' none.html
+ok 'no parts' grep -q '>net</bdi></th><td data-v=""><span class="none">–</span></td><td data-v=""><span class="none">–</span></td><td data-v=""><span class="none">–</span></td><td data-v=""><span class="none">–</span></td></tr>' none.html
 run 1 eval --data set --method reference,net.safetensors --memory 1 --json -q
 is 'parts in JSON' "$("$helper" json out groups 0 methods net sfc_parts d_ratio mean 2>/dev/null)" null
 
