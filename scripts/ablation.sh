@@ -6,15 +6,14 @@
 # Usage: scripts/ablation.sh BRACE FOLDER [MODEL]
 #   BRACE    the program; FOLDER: where scripts/train.sh works, with sets/plain and sets/field; MODEL: brace-s
 # Variants end up in FOLDER/ablation/NAME-stageN, tables in FOLDER/ablation/table.{txt,csv,html} and sheet.png.
-# For a quick look, or a part: EPOCHS (of each stage, instead of the configuration's), SAMPLES (of an epoch),
-# CROP (packed pixels a side), COUNT (test samples), VARIANTS (names below), PROCESSES (as for train.sh).
+# For a quick look, or a part: EPOCHS (instead of the configuration's: of each stage, or two numbers), SAMPLES (of an
+# epoch), CROP (packed pixels a side), COUNT (test samples), VARIANTS (names below), PROCESSES (as for train.sh).
 set -euo pipefail
 [ $# -ge 2 ] || { sed -n '3,10s/^# \{0,1\}//p' "$0"; exit 2; }
 brace=$(realpath "$1") here=$(cd "$(dirname "$0")" && pwd)
 configs=$(realpath "$here/../data/configs")
 cd "$2"
 model=${3:-brace-s}
-processes=${PROCESSES:-$(nproc)}
 for stage in 1 2; do
     [ -f "$configs/$model-stage$stage.json" ] || { echo "there is no configuration $model-stage$stage.json" >&2; exit 2; }
 done
@@ -41,7 +40,7 @@ no-strip      {"network":{"strip":0}}                           {"network":{"str
 
 # config NAME STAGE CHANGES [INITIAL]: the model's configuration, changed.
 config() {
-    python3 - "$configs/$model-stage$2.json" "$3" "${4:-}" <<'PYTHON' > "ablation/$1-stage$2.json.part"
+    python3 - "$configs/$model-stage$2.json" "$3" "${4:-}" "$2" <<'PYTHON' > "ablation/$1-stage$2.json.part"
 import json, os, sys
 config, changes = json.load(open(sys.argv[1])), json.loads(sys.argv[2])
 for key, value in changes.items():
@@ -49,9 +48,10 @@ for key, value in changes.items():
 config.pop("initial", None)
 if sys.argv[3]:
     config["initial"] = sys.argv[3]
-for key, name in (("epochs", "EPOCHS"), ("epoch_samples", "SAMPLES")):
-    if os.environ.get(name):
-        config[key] = int(os.environ[name])
+if os.environ.get("EPOCHS"):
+    config["epochs"] = int(os.environ["EPOCHS"].split()[0 if sys.argv[4] == "1" else -1])
+if os.environ.get("SAMPLES"):
+    config["epoch_samples"] = int(os.environ["SAMPLES"])
 if os.environ.get("CROP"):
     config["data"]["crop"] = int(os.environ["CROP"])
 optimizer = config.get("optimizer", {})
@@ -64,13 +64,7 @@ PYTHON
 }
 
 train() { # NAME STAGE
-    local out=ablation/$1-stage$2
-    if [ "$processes" -gt 1 ] && command -v mpirun > /dev/null; then
-        OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 mpirun --oversubscribe --bind-to none \
-            --mca btl_vader_single_copy_mechanism none -n "$processes" "$brace" train "$out.json" -o "$out" --resume --threads 1
-    else
-        "$brace" train "$out.json" -o "$out" --resume
-    fi
+    "$here/train_run.sh" "$brace" "ablation/$1-stage$2.json" "ablation/$1-stage$2"
 }
 
 stage_one() { # NAME CHANGES

@@ -15,7 +15,6 @@ cd "$2"
 shift 2
 models=("$@")
 [ ${#models[@]} -gt 0 ] || models=(brace-s tmrnet-s)
-processes=${PROCESSES:-$(nproc)}
 
 if [ ! -d screens ]; then # all of them, or none
     "$here/screens.sh" screens.part --work screens.work
@@ -31,17 +30,9 @@ for kind in plain field; do
     mv sets/$kind/packed.part sets/$kind/packed
 done
 
-run() {
-    if [ "$processes" -gt 1 ] && command -v mpirun > /dev/null; then
-        OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 mpirun --oversubscribe --bind-to none \
-            --mca btl_vader_single_copy_mechanism none -n "$processes" "$brace" "$@" --threads 1
-    else
-        "$brace" "$@"
-    fi
-}
 for model in "${models[@]}"; do
     for stage in stage1 stage2; do
-        run train "$configs/$model-$stage.json" -o "runs/$model-$stage" --resume
+        "$here/train_run.sh" "$brace" "$configs/$model-$stage.json" "runs/$model-$stage"
     done
 done
 echo "done: runs/*-stage2/weights.safetensors"
