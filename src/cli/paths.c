@@ -36,12 +36,12 @@ bool cli_is_raw_name(const char *name) {
     return false;
 }
 
-/* The folder's device and inode, and the name in it: what identifies a file that does not exist yet. */
 char *cli_folder_of(const char *path) {
     size_t n = (size_t)(cli_basename(path) - path);
     return n > 0 ? strndup(path, n) : strdup(".");
 }
 
+/* The folder's device and inode, and the name in it: what identifies a file that does not exist yet. */
 static bool folder_of(const char *path, struct stat *info) {
     char *folder = cli_folder_of(path);
     bool found = folder != NULL && stat(folder, info) == 0;

@@ -252,7 +252,7 @@ static void test_untaught(void **state) {
     save_network("untaught.safetensors", &shape, false, 128);
     for (int run = 0; run < 4; run++) {
         scene s = screen;
-        s.width = run == 0 ? 1100 : 90, s.height = run == 0 ? 66 : 75 + (uint32_t)run; /* tiles; odd sizes */
+        s.width = run == 0 ? 1100 : 90, s.height = run == 0 ? 36 : 75 + (uint32_t)run; /* tiles; odd sizes */
         s.cfa = (brace_cfa)run;
         brace_bracket *b = scene_bracket(&s);
         const brace_frame *reference = b->frames[2];
