@@ -55,12 +55,14 @@ _brace()
     if [[ $command == dataset ]]; then
         if [[ $COMP_CWORD -eq 2 ]]; then
             mapfile -t COMPREPLY < <(compgen -W 'build pack verify info import --help' -- "$cur")
+        elif [[ $prev == --only ]]; then
+            mapfile -t COMPREPLY < <(compgen -W 'train test' -- "$cur")
         elif [[ $cur == -* ]]; then
             local dataset_options='--json --quiet --threads --help'
             case ${COMP_WORDS[2]} in
                 pack) dataset_options+=' --output --shard-size' ;;
                 import) dataset_options+=' --output --reduce --tolerance' ;;
-                build) dataset_options+=' --output --screens --priors --seed --train --test --size --shard --field' ;;
+                build) dataset_options+=' --output --screens --priors --seed --train --test --size --only --shard --field' ;;
             esac
             mapfile -t COMPREPLY < <(compgen -W "$dataset_options" -- "$cur")
         else

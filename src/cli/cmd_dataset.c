@@ -100,7 +100,7 @@ static int run_build(int argc, char **argv) {
     cli_list operands = {0};
     dataset_build_params p = {.seed = 1};
     int train = 1000, test = 100;
-    const char *size = NULL, *shard = NULL, *seed = NULL;
+    const char *size = NULL, *only = NULL, *shard = NULL, *seed = NULL;
     const cli_option options[] = {
         {CLI_HEADING, 0, NULL, NULL, "Options", NULL, 0, 0},
         {CLI_TEXT, 'o', "output", "FOLDER", "the set; what is there already is kept", &c.output, 0, 0},
@@ -112,6 +112,7 @@ static int run_build(int argc, char **argv) {
         {CLI_INT, 0, "train", "N", "samples for training, default: 1000", &train, 0, 10000000},
         {CLI_INT, 0, "test", "N", "samples for testing, of other screens, default: 100", &test, 0, 10000000},
         {CLI_TEXT, 0, "size", "WxH", "of the frames, default: 1024x768", &size, 0, 0},
+        {CLI_TEXT, 0, "only", "SPLIT", "make the samples of train or of test only", &only, 0, 0},
         {CLI_TEXT, 0, "shard", "K/N", "make the K-th of N parts only", &shard, 0, 0},
         {CLI_FLAG, 0, "field", NULL, "capture the truth, too: 8 times the exposure at ISO/8", &p.field, 0, 0},
         COMMON_OPTIONS(c)};
@@ -132,6 +133,8 @@ static int run_build(int argc, char **argv) {
         code = cli_wrong_usage(command, "--size takes a width and a height, such as 1024x768, not '%s'", size);
     } else if (code < 0 && seed != NULL && !parse_seed(seed, &p.seed)) {
         code = cli_wrong_usage(command, "--seed takes a whole number from 0 to 18446744073709551615, not '%s'", seed);
+    } else if (code < 0 && only != NULL && strcmp(only, "train") != 0 && strcmp(only, "test") != 0) {
+        code = cli_wrong_usage(command, "--only takes train or test, not '%s'", only);
     } else if (code < 0 && shard != NULL && !parse_shard(shard, &p.shard, &p.shards)) {
         code = cli_wrong_usage(command, "--shard takes a part and their number, such as 1/4 to 4/4, not '%s'", shard);
     }
@@ -144,6 +147,7 @@ static int run_build(int argc, char **argv) {
         p.height = h;
         p.train = (uint32_t)train;
         p.test = (uint32_t)test;
+        p.only = only == NULL ? DATASET_BOTH : strcmp(only, "train") == 0 ? DATASET_TRAIN : DATASET_TEST;
         if (shard == NULL) {
             shard_from_mpi(&p.shard, &p.shards);
         }

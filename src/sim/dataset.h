@@ -163,12 +163,15 @@ struct sim_capture;
 brace_status dataset_capture(struct sim_capture *out, const dataset_task *task, const brace_job *job,
                              brace_error *error);
 
+typedef enum dataset_split { DATASET_BOTH, DATASET_TRAIN, DATASET_TEST } dataset_split;
+
 typedef struct dataset_build_params {
     const char *screens;      /* folder of pictures; NULL: those that ship with BRACE */
     const char *priors;       /* JSON file; NULL: data/priors/default.json */
     uint64_t seed;
     uint32_t train, test;     /* samples */
     uint32_t width, height;   /* even; 0: 1024x768 */
+    dataset_split only;       /* the other split is made elsewhere, or never */
     uint32_t shard, shards;   /* this process makes samples shard, shard + shards, ...; 0, 0: all */
     bool field;               /* the truth is captured too, as the paper does */
     dataset_make_fn *make;    /* NULL: dataset_render */

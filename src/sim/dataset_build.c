@@ -34,7 +34,7 @@ typedef struct builder {
     size_t count;     /* of the whole set */
     uint32_t *scratch;
     const brace_job *job;
-    size_t mine;      /* how many of them this process makes */
+    size_t first, mine; /* where those to be made begin, and how many of them this process makes */
     atomic_size_t made, there;
     atomic_int failed;
     pthread_mutex_t lock;
@@ -176,7 +176,7 @@ static void make_some(void *user, size_t begin, size_t end, int worker) {
     builder *b = user;
     uint32_t shards = b->params->shards > 0 ? b->params->shards : 1;
     for (size_t i = begin; i < end && !atomic_load(&b->failed); i++) {
-        const plan *s = &b->plans[i * shards + b->params->shard];
+        const plan *s = &b->plans[b->first + i * shards + b->params->shard];
         brace_error error = {0};
         brace_status status = core_check_cancel(b->job, &error);
         if (status == BRACE_OK) {
@@ -258,7 +258,11 @@ brace_status dataset_build(const char *out, const dataset_build_params *params, 
     }
     if (status == BRACE_OK) {
         uint32_t shards = params->shards > 0 ? params->shards : 1;
-        b.mine = (b.count + shards - 1 - params->shard) / shards;
+        const size_t all = params->only == DATASET_TRAIN ? params->train
+                           : params->only == DATASET_TEST  ? params->test
+                                                           : b.count;
+        b.first = params->only == DATASET_TEST ? params->train : 0;
+        b.mine = (all + shards - 1 - params->shard) / shards;
         core_parallel(pool, b.mine, 1, make_some, &b);
         status = b.status;
         if (status != BRACE_OK && error != NULL) {

@@ -17,13 +17,14 @@
 #include "sim/quantities.h"
 
 /* Streams of random numbers of one sample. */
-enum { STREAM_KIND = 0x44530001, STREAM_DISPLAY, STREAM_CAMERA, STREAM_SCENE };
+enum { STREAM_KIND = 0x44530001, STREAM_DISPLAY, STREAM_CAMERA, STREAM_SCENE, STREAM_VARY };
 
 typedef enum shape { ABSENT, FIXED, UNIFORM, LOG_UNIFORM, NORMAL, CHOICE } shape;
 enum { CHOICES = 16 };
 
 typedef struct prior {
     shape shape;
+    const char *name;             /* inside the JSON value, or the quantity's */
     const sim_quantity *quantity;
     double a, b;
     double choice[CHOICES];
@@ -41,9 +42,12 @@ struct dataset_priors {
     double flicker_free;
     weighted *displays, *steady, *cameras;
     size_t display_count, steady_count, camera_count;
-    prior *scene;
-    size_t scene_count;
+    prior *scene, *vary;
+    size_t scene_count, vary_count;
 };
+
+/* What a display's numbers are multiplied by. */
+static const sim_quantity factor_of_display = {.name = "factor", .type = SIM_REAL, .low = 0.01, .high = 100};
 
 void dataset_priors_destroy(dataset_priors *priors) {
     if (priors != NULL) {
@@ -52,6 +56,7 @@ void dataset_priors_destroy(dataset_priors *priors) {
         core_free(priors->steady);
         core_free(priors->cameras);
         core_free(priors->scene);
+        core_free(priors->vary);
         core_free(priors);
     }
 }
@@ -97,13 +102,14 @@ static brace_status read_weights(weighted **out, size_t *count, const json_at *r
     return BRACE_OK;
 }
 
-static prior read_prior(const json_at *scene, const sim_quantity *q) {
+/* The distribution that `scene` has at `name`, of what takes the values of `q`. */
+static prior read_prior(const json_at *scene, const char *name, const sim_quantity *q) {
     static const char *const keys[] = {"uniform", "log_uniform", "normal", "choice", "probability", NULL};
     static const shape shapes[] = {UNIFORM, LOG_UNIFORM, NORMAL, CHOICE};
     double pair[2] = {0, 0};
-    prior out = {.quantity = q, .probability = 1};
+    prior out = {.name = name, .quantity = q, .probability = 1};
     json_at object;
-    json_t *value = json_object_get(scene->value, q->name);
+    json_t *value = json_object_get(scene->value, name);
     if (value == NULL) {
         return out;
     }
@@ -111,13 +117,13 @@ static prior read_prior(const json_at *scene, const sim_quantity *q) {
     sim_quantity_range(range, sizeof range, q);
     if (json_is_number(value)) {
         out.shape = FIXED;
-        out.a = json_check_number(scene, q->name, q->low, q->high, JSON_CHECK_REQUIRED);
+        out.a = json_check_number(scene, name, q->low, q->high, JSON_CHECK_REQUIRED);
         if (!sim_quantity_takes(q, out.a)) {
-            json_check_fail(scene, q->name, "%g is none of the whole numbers %s", out.a, range);
+            json_check_fail(scene, name, "%g is none of the whole numbers %s", out.a, range);
         }
         return out;
     }
-    if (!json_check_object(scene, q->name, &object)) {
+    if (!json_check_object(scene, name, &object)) {
         return out;
     }
     json_check_only(&object, keys);
@@ -136,17 +142,17 @@ static prior read_prior(const json_at *scene, const sim_quantity *q) {
     }
     for (size_t i = 0; i < out.choices; i++) {
         if (!sim_quantity_takes(q, out.choice[i])) {
-            json_check_fail(scene, q->name, "%g is none of the whole numbers %s", out.choice[i], range);
+            json_check_fail(scene, name, "%g is none of the whole numbers %s", out.choice[i], range);
         }
     }
     if (given != 1) {
-        json_check_fail(scene, q->name, "one of uniform, log_uniform, normal and choice is needed");
+        json_check_fail(scene, name, "one of uniform, log_uniform, normal and choice is needed");
     } else if ((out.shape == UNIFORM || out.shape == LOG_UNIFORM) && pair[0] > pair[1]) {
-        json_check_fail(scene, q->name, "the range ends below where it begins");
+        json_check_fail(scene, name, "the range ends below where it begins");
     } else if (out.probability < 1 && !sim_quantity_takes(q, 0)) {
-        json_check_fail(scene, q->name, "it cannot be 0, so it can have no probability; its range is %s", range);
+        json_check_fail(scene, name, "it cannot be 0, so it can have no probability; its range is %s", range);
     } else if (q->choices != NULL && out.shape != CHOICE) {
-        json_check_fail(scene, q->name, "only %s can be chosen from: \"choice\": [...]", range);
+        json_check_fail(scene, name, "only %s can be chosen from: \"choice\": [...]", range);
     }
     out.a = pair[0];
     out.b = pair[1];
@@ -168,16 +174,33 @@ static brace_status read_scene(dataset_priors *p, const json_at *scene, brace_er
     }
     json_check_only(scene, names);
     for (size_t i = 0; i < p->scene_count; i++) {
-        p->scene[i] = read_prior(scene, sim_quantity_find(names[i]));
+        p->scene[i] = read_prior(scene, names[i], sim_quantity_find(names[i]));
     }
     core_free(names);
     return BRACE_OK;
 }
 
+/* What they say of the numbers of displays. */
+static brace_status read_vary(dataset_priors *p, const json_at *vary, brace_error *error) {
+    p->vary = core_calloc(json_object_size(vary->value) + 1, sizeof *p->vary);
+    if (p->vary == NULL) {
+        return core_fail_memory(error, json_object_size(vary->value) * sizeof *p->vary, "priors");
+    }
+    const char *name;
+    json_t *value;
+    json_object_foreach(vary->value, name, value) {
+        if (!sim_display_varies(name)) {
+            json_check_fail(vary, name, "no kind of display has a real number of this name");
+        }
+        p->vary[p->vary_count++] = read_prior(vary, name, &factor_of_display);
+    }
+    return BRACE_OK;
+}
+
 static brace_status read_all(dataset_priors *p, json_check *doc, brace_error *error) {
     static const char *const keys[] = {"description", "flicker_free", "flicker_free_displays", "displays", "cameras",
-                                       "scene", NULL};
-    json_at root = json_check_root(doc), scene;
+                                       "scene", "vary", NULL};
+    json_at root = json_check_root(doc), scene, vary;
     json_check_only(&root, keys);
     p->flicker_free = json_check_number(&root, "flicker_free", 0, 1, 0.1);
     brace_status status =
@@ -191,6 +214,9 @@ static brace_status read_all(dataset_priors *p, json_check *doc, brace_error *er
     }
     if (status == BRACE_OK && json_check_object(&root, "scene", &scene)) {
         status = read_scene(p, &scene, error);
+    }
+    if (status == BRACE_OK && json_check_object(&root, "vary", &vary)) {
+        status = read_vary(p, &vary, error);
     }
     return status == BRACE_OK ? json_check_status(doc, error) : status;
 }
@@ -259,35 +285,60 @@ static uint32_t stream_of(const char *name) {
     return hash;
 }
 
+/* The number that one sample has. */
+static double draw(const prior *d, uint64_t seed, uint32_t sample, uint32_t stream) {
+    const sim_quantity *q = d->quantity;
+    core_random r = core_random_create(seed, sample, stream_of(d->name), stream);
+    double x = d->a, u = core_random_uniform(&r);
+    switch (d->shape) {
+    case UNIFORM:
+        x = d->a + (d->b - d->a) * u;
+        break;
+    case LOG_UNIFORM:
+        x = d->a * pow(d->b / d->a, u);
+        break;
+    case NORMAL:
+        x = d->a + d->b * core_random_normal(&r);
+        break;
+    case CHOICE:
+        x = d->choice[(size_t)(u * (double)d->choices)];
+        break;
+    default:
+        break;
+    }
+    if (d->probability < 1 && core_random_uniform(&r) >= d->probability) {
+        x = 0;
+    }
+    return fmin(fmax(x, q->low), q->high);
+}
+
 void dataset_priors_scene(sim_scene *scene, const dataset_priors *p, uint64_t seed, uint32_t sample) {
     for (size_t i = 0; i < p->scene_count; i++) {
         const prior *d = &p->scene[i];
-        const sim_quantity *q = d->quantity;
-        if (d->shape == ABSENT) {
-            continue;
+        if (d->shape != ABSENT) {
+            double x = draw(d, seed, sample, STREAM_SCENE);
+            sim_quantity_put(scene, d->quantity, d->quantity->type == SIM_REAL ? x : round(x));
         }
-        core_random r = core_random_create(seed, sample, stream_of(q->name), STREAM_SCENE);
-        double x = d->a, u = core_random_uniform(&r);
-        switch (d->shape) {
-        case UNIFORM:
-            x = d->a + (d->b - d->a) * u;
-            break;
-        case LOG_UNIFORM:
-            x = d->a * pow(d->b / d->a, u);
-            break;
-        case NORMAL:
-            x = d->a + d->b * core_random_normal(&r);
-            break;
-        case CHOICE:
-            x = d->choice[(size_t)(u * (double)d->choices)];
-            break;
-        default:
-            break;
-        }
-        if (d->probability < 1 && core_random_uniform(&r) >= d->probability) {
-            x = 0;
-        }
-        x = fmin(fmax(x, q->low), q->high);
-        sim_quantity_put(scene, q, q->type == SIM_REAL ? x : round(x));
     }
+}
+
+typedef struct variation {
+    const dataset_priors *priors;
+    uint64_t seed;
+    uint32_t sample;
+} variation;
+
+static double factor_for(const void *user, const char *key) {
+    const variation *v = user;
+    for (size_t i = 0; i < v->priors->vary_count; i++) {
+        if (strcmp(v->priors->vary[i].name, key) == 0) {
+            return draw(&v->priors->vary[i], v->seed, v->sample, STREAM_VARY);
+        }
+    }
+    return 1;
+}
+
+brace_status dataset_priors_display(sim_display **out, const dataset_priors *priors, const char *display,
+                                    uint64_t seed, uint32_t sample, brace_error *error) {
+    return sim_display_load_varied(out, display, factor_for, &(variation){priors, seed, sample}, error);
 }

@@ -23,6 +23,10 @@ typedef struct dataset_draw {
 } dataset_draw;
 void dataset_priors_draw(dataset_draw *out, const dataset_priors *priors, uint64_t seed, uint32_t sample);
 
+/* The display that was drawn, as the sample shows it: the preset's numbers times what the priors have for each. */
+brace_status dataset_priors_display(sim_display **out, const dataset_priors *priors, const char *display,
+                                    uint64_t seed, uint32_t sample, brace_error *error);
+
 /* Sets the numbers that the priors speak of. */
 void dataset_priors_scene(sim_scene *scene, const dataset_priors *priors, uint64_t seed, uint32_t sample);
 

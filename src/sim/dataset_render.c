@@ -34,7 +34,7 @@ brace_status dataset_capture(sim_capture *out, const dataset_task *task, const b
     *out = (sim_capture){0};
     brace_status status = sim_screen_read(&screen, NULL, task->screen, job, error);
     if (status == BRACE_OK) {
-        status = sim_display_load(&display, task->display, error);
+        status = dataset_priors_display(&display, task->priors, task->display, task->seed, task->sample, error);
     }
     if (status == BRACE_OK) {
         status = load_camera(&camera, task, error);

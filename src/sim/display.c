@@ -99,7 +99,43 @@ static void check_keys(const json_at *root, sim_display *display) {
     json_check_only(root, keys);
 }
 
-static brace_status read_display(sim_display **out, json_check *doc, const char *file, brace_error *error) {
+static bool is_real(const sim_field *f) {
+    return f->type == FIELD_NUMBER || f->type == FIELD_NUMBERS;
+}
+
+bool sim_display_varies(const char *key) {
+    for (int d = 0; d < DRIVERS; d++)
+        for (size_t i = 0; i < drivers[d]->field_count; i++)
+            if (is_real(&drivers[d]->fields[i]) && strcmp(drivers[d]->fields[i].key, key) == 0)
+                return true;
+    return false;
+}
+
+/* What is no number stays, and is refused when it is read. */
+static double varied(const json_t *value, const sim_field *f, double factor) {
+    const double x = json_number_value(value);
+    return x < f->low || x > f->high ? x : sim_clamp(x * factor, f->low, f->high);
+}
+
+static void vary(const json_at *root, const sim_driver *driver, sim_display_factor *factor, const void *user) {
+    for (size_t i = 0; i < driver->field_count; i++) {
+        const sim_field *f = &driver->fields[i];
+        json_t *value = json_object_get(root->value, f->key);
+        const double by = is_real(f) && value != NULL ? factor(user, f->key) : 1;
+        if (by == 1)
+            continue;
+        if (f->type == FIELD_NUMBER && json_is_number(value))
+            json_object_set_new(root->value, f->key, json_real(varied(value, f, by)));
+        for (size_t k = 0; f->type == FIELD_NUMBERS && k < json_array_size(value); k++) {
+            const json_t *element = json_array_get(value, k);
+            if (json_is_number(element))
+                json_array_set_new(value, k, json_real(varied(element, f, by)));
+        }
+    }
+}
+
+static brace_status read_display(sim_display **out, json_check *doc, const char *file, sim_display_factor *factor,
+                                 const void *user, brace_error *error) {
     *out = NULL;
     sim_display *display = core_calloc(1, sizeof *display);
     if (display == NULL)
@@ -113,6 +149,8 @@ static brace_status read_display(sim_display **out, json_check *doc, const char 
     char name[256];
     name_from_file(file, name, sizeof display->name);
     check_keys(&root, display);
+    if (factor != NULL)
+        vary(&root, display->driver, factor, user);
     read_text(&root, "name", display->name, sizeof display->name, name);
     read_text(&root, "family", display->family, sizeof display->family, "other");
     read_text(&root, "description", display->description, sizeof display->description, "");
@@ -135,13 +173,18 @@ brace_status sim_display_parse(sim_display **out, const char *json, const char *
     json_check *doc;
     brace_status status = json_check_parse(&doc, json, name, error);
     if (status == BRACE_OK) {
-        status = read_display(out, doc, name, error);
+        status = read_display(out, doc, name, NULL, NULL, error);
         json_check_destroy(doc);
     }
     return status;
 }
 
 brace_status sim_display_load(sim_display **out, const char *name_or_path, brace_error *error) {
+    return sim_display_load_varied(out, name_or_path, NULL, NULL, error);
+}
+
+brace_status sim_display_load_varied(sim_display **out, const char *name_or_path, sim_display_factor *factor,
+                                     const void *user, brace_error *error) {
     *out = NULL;
     char path[PATH_MAX];
     brace_status status = sim_data_path(path, "displays", name_or_path, error);
@@ -150,7 +193,7 @@ brace_status sim_display_load(sim_display **out, const char *name_or_path, brace
     json_check *doc;
     status = json_check_load(&doc, path, error);
     if (status == BRACE_OK) {
-        status = read_display(out, doc, path, error);
+        status = read_display(out, doc, path, factor, user, error);
         json_check_destroy(doc);
     }
     return status;

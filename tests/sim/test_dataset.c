@@ -596,6 +596,17 @@ static void test_build(void **state) {
     assert_string_equal(whole, parts);
     params.shard = params.shards = 0;
 
+    /* One split after the other: the same bytes, too. */
+    params.only = DATASET_TEST;
+    assert_int_equal(dataset_build(in("splits"), &params, &done, &job, &error), BRACE_OK);
+    assert_true(done.made == params.test && !there("splits/train"));
+    params.only = DATASET_TRAIN;
+    assert_int_equal(dataset_build(in("splits"), &params, &done, &job, &error), BRACE_OK);
+    assert_true(done.made == params.train && done.there == 0);
+    digest(parts, "splits");
+    assert_string_equal(whole, parts);
+    params.only = DATASET_BOTH;
+
     /* A full disk at the fifth sample: four are there, the fifth not at all; then the rest. */
     calls = 0;
     fail_at = 5;
@@ -679,6 +690,44 @@ static void test_priors_reach_every_effect(void **state) {
     dataset_priors_destroy(priors);
 }
 
+/* Displays off their presets: what varies is within the factors and the driver's range, the rest stays. */
+static void test_varied_displays(void **state) {
+    (void)state;
+    FILE *f = fopen(in("p.json"), "w");
+    fputs(PLAIN "{}, \"vary\": {\"refresh\": {\"log_uniform\": [0.5, 2]}, \"duty\": 3, \"decay\": {\"choice\": [2]}}}",
+          f);
+    fclose(f);
+    dataset_priors *priors = NULL;
+    assert_int_equal(dataset_priors_load(&priors, in("p.json"), &error), BRACE_OK);
+    double low = 1000, high = 0, again = 0;
+    for (uint32_t k = 0; k < 200; k++) {
+        sim_display *d = NULL;
+        assert_int_equal(dataset_priors_display(&d, priors, "crt_60", 8, k, &error), BRACE_OK);
+        json_t *json = sim_display_json(d);
+        const double refresh = json_number_value(json_object_get(json, "refresh"));
+        low = fmin(low, refresh), high = fmax(high, refresh);
+        again = k == 7 ? refresh : again;
+        assert_near(json_number_value(json_array_get(json_object_get(json, "decay"), 1)), 120e-6, 1e-12);
+        assert_near(json_number_value(json_object_get(json, "active")), 0.92, 0);
+        json_decref(json);
+        sim_display_destroy(d);
+    }
+    assert_true(low >= 30 && low < 31 && high <= 120 && high > 116);
+    sim_display *d = NULL;
+    assert_int_equal(dataset_priors_display(&d, priors, "crt_60", 8, 7, &error), BRACE_OK); /* the same for the same */
+    json_t *json = sim_display_json(d);
+    assert_near(json_number_value(json_object_get(json, "refresh")), again, 0);
+    json_decref(json);
+    sim_display_destroy(d);
+    assert_int_equal(dataset_priors_display(&d, priors, "laptop_lcd_1000", 8, 7, &error), BRACE_OK);
+    json = sim_display_json(d);
+    assert_near(json_number_value(json_object_get(json, "duty")), 0.995, 0); /* 3 times 0.5 is more than there is */
+    assert_near(json_number_value(json_object_get(json, "frequency")), 1000, 0);
+    json_decref(json);
+    sim_display_destroy(d);
+    dataset_priors_destroy(priors);
+}
+
 static void test_priors(void **state) {
     (void)state;
     static const struct {
@@ -701,6 +750,10 @@ static void test_priors(void **state) {
         {PLAIN "{\"supersample\": 3}}", "3 is none of"},
         {PLAIN "{\"ambient_hz\": {\"choice\": []}}}", "ambient_hz"},
         {PLAIN "{\"psf\": {\"choice\": [1], \"uniform\": [1, 2]}}}", "one of"},
+        {PLAIN "{}, \"vary\": {\"dutty\": 2}}", "dutty: no kind of display"},
+        {PLAIN "{}, \"vary\": {\"pulses\": 2}}", "pulses: no kind of display"}, /* whole numbers stay */
+        {PLAIN "{}, \"vary\": {\"duty\": 0}}", "duty: 0 is out of range"},
+        {PLAIN "{}, \"vary\": {\"duty\": {\"uniform\": [1, 2], \"probability\": 0.5}}}", "cannot be 0"},
         {"{\"displays\": ", "json"},
     };
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
@@ -744,6 +797,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(test_import, setup, teardown),
         cmocka_unit_test_setup_teardown(test_build, setup, teardown),
         cmocka_unit_test_setup_teardown(test_priors, setup, teardown),
+        cmocka_unit_test_setup_teardown(test_varied_displays, setup, teardown),
         cmocka_unit_test_setup_teardown(test_priors_reach_every_effect, setup, teardown),
         cmocka_unit_test(test_reduce),
         cmocka_unit_test(test_displacement),
