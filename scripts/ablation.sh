@@ -4,7 +4,7 @@
 # are there already, and compares all on the test samples.
 #
 # Usage: scripts/ablation.sh BRACE FOLDER [MODEL]
-#   BRACE    the program; FOLDER: where scripts/train.sh works, with sets/plain and sets/field; MODEL: brace-s
+#   BRACE    the program; FOLDER: where scripts/train.sh works, with its sets; MODEL: brace-s
 # Variants end up in FOLDER/ablation/NAME-stageN, tables in FOLDER/ablation/table.{txt,csv,html} and sheet.png.
 # For a quick look, or a part: EPOCHS (instead of the configuration's: of each stage, or two numbers), SAMPLES (of an
 # epoch), CROP (packed pixels a side), COUNT (test samples), VARIANTS (names below), PROCESSES (as for train.sh).

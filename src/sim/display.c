@@ -111,25 +111,26 @@ bool sim_display_varies(const char *key) {
     return false;
 }
 
-/* What is no number stays, and is refused when it is read. */
-static double varied(const json_t *value, const sim_field *f, double factor) {
-    const double x = json_number_value(value);
+static double varied(double x, const sim_field *f, double factor) {
     return x < f->low || x > f->high ? x : sim_clamp(x * factor, f->low, f->high);
 }
 
+/* What is no number stays, and is refused when it is read. */
 static void vary(const json_at *root, const sim_driver *driver, sim_display_factor *factor, const void *user) {
     for (size_t i = 0; i < driver->field_count; i++) {
         const sim_field *f = &driver->fields[i];
         json_t *value = json_object_get(root->value, f->key);
-        const double by = is_real(f) && value != NULL ? factor(user, f->key) : 1;
+        const double by = is_real(f) ? factor(user, f->key) : 1;
         if (by == 1)
             continue;
-        if (f->type == FIELD_NUMBER && json_is_number(value))
-            json_object_set_new(root->value, f->key, json_real(varied(value, f, by)));
+        if (f->type == FIELD_NUMBER && (value != NULL ? json_is_number(value) : f->fallback > JSON_CHECK_REQUIRED)) {
+            const double x = value != NULL ? json_number_value(value) : f->fallback;
+            json_object_set_new(root->value, f->key, json_real(varied(x, f, by)));
+        }
         for (size_t k = 0; f->type == FIELD_NUMBERS && k < json_array_size(value); k++) {
             const json_t *element = json_array_get(value, k);
             if (json_is_number(element))
-                json_array_set_new(value, k, json_real(varied(element, f, by)));
+                json_array_set_new(value, k, json_real(varied(json_number_value(element), f, by)));
         }
     }
 }

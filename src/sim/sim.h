@@ -35,8 +35,9 @@ typedef struct sim_display sim_display;
  * and the path of the key ("oled.json:7: pulses: 0 is out of range 1 to 32"). */
 brace_status sim_display_load(sim_display **out, const char *name_or_path, brace_error *error);
 brace_status sim_display_parse(sim_display **out, const char *json, const char *name, brace_error *error);
-/* Another display of that kind: each real number that the file gives is multiplied by what factor() says for its key
- * (of a list each element by the same), and kept within its range. Data sets' priors ask for it. */
+/* Another display of that kind: each real number that the file gives, or that stands where it gives none, is multiplied
+ * by what factor() says for its key (of a list each element by the same), and kept within its range. Data sets' priors
+ * ask for it. */
 typedef double sim_display_factor(const void *user, const char *key);
 brace_status sim_display_load_varied(sim_display **out, const char *name_or_path, sim_display_factor *factor,
                                      const void *user, brace_error *error);

@@ -694,7 +694,8 @@ static void test_priors_reach_every_effect(void **state) {
 static void test_varied_displays(void **state) {
     (void)state;
     FILE *f = fopen(in("p.json"), "w");
-    fputs(PLAIN "{}, \"vary\": {\"refresh\": {\"log_uniform\": [0.5, 2]}, \"duty\": 3, \"decay\": {\"choice\": [2]}}}",
+    fputs(PLAIN "{}, \"vary\": {\"refresh\": {\"log_uniform\": [0.5, 2]}, \"duty\": 3, \"decay\": {\"choice\": [2]}, "
+          "\"depth\": 0.5}}",
           f);
     fclose(f);
     dataset_priors *priors = NULL;
@@ -723,6 +724,7 @@ static void test_varied_displays(void **state) {
     json = sim_display_json(d);
     assert_near(json_number_value(json_object_get(json, "duty")), 0.995, 0); /* 3 times 0.5 is more than there is */
     assert_near(json_number_value(json_object_get(json, "frequency")), 1000, 0);
+    assert_near(json_number_value(json_object_get(json, "depth")), 0.5, 0); /* the file does not name it: 1 */
     json_decref(json);
     sim_display_destroy(d);
     dataset_priors_destroy(priors);
