@@ -26,7 +26,7 @@ fi
 for kind in varied field; do
     [ -d sets/$kind/packed ] && continue
     options=(--train 1000 --test 100 --seed 3)
-    [ $kind = varied ] || options=(--train 500 --test 50 --seed 2 --field)
+    [ $kind = varied ] || options=(--train 300 --test 30 --seed 2 --field)
     "$brace" dataset build -o sets/$kind/set --screens screens --priors "$here/../data/priors/varied.json" "${options[@]}"
     "$brace" dataset pack sets/$kind/set -o sets/$kind/packed.part
     mv sets/$kind/packed.part sets/$kind/packed

@@ -85,7 +85,7 @@ absent gone
 
 # Ctrl-C while the camera is silent: its settings come back, and the sequence can be gone on with.
 camera fault=no-event@3x1
-code=$("$helper" stop 4000 INT "$brace" capture run -q -o again --camera "$at" --time 1/60 2>err)
+code=$("$helper" stop .capture-again/sequence.json+2000 INT "$brace" capture run -q -o again --camera "$at" --time 1/60 2>err)
 is 'exit code after Ctrl-C' "$code" 130
 absent again
 run 0 capture run -q -o again --camera "$at" --resume

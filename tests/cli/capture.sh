@@ -97,7 +97,7 @@ run 1 capture check g --quiet; silent
 "$brace" capture run -o h --camera sim --option size=2048x1536 >out 2>err &
 pid=$!
 for _ in $(seq 400); do
-    [ -f .capture-h/frame_4.dng ] && break
+    [ -f .capture-h/frame_2.dng ] && break
     sleep 0.05
 done
 kill -TERM $pid

@@ -45,7 +45,7 @@ ok 'a set made in two goes is the same' diff -r whole parts
 run 1 dataset build -o whole "${build[@]}" --field; says "'field' differs"
 run 0 restore whole/train/000000_*/frame_*.dng -o restored.png --quiet
 # Stopped: whole samples only.
-code=$("$helper" stop 2000 TERM "$brace" dataset build -o stopped --train 20000 --test 1 --size 128x96 --quiet 2>/dev/null)
+code=$("$helper" stop stopped/train+2000 TERM "$brace" dataset build -o stopped --train 20000 --test 1 --size 128x96 --quiet 2>/dev/null)
 is 'exit code after SIGTERM' "$code" 143
 is 'unfinished samples' "$(find stopped -name '.part-*')" ''
 run 1 dataset verify stopped; prints ' 0 bad, '

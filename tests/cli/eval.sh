@@ -80,6 +80,7 @@ run 0 eval --help; prints 'Examples'; prints '--sheet'
 run 0 help eval; prints '--method'
 
 # Stopped in the middle: no file.
+for i in {10..40}; do cp -r "$sample" "set/test/0000${i}_UI"; done
 is 'stopped' "$("$helper" stop 150 INT "$brace" eval --data set --csv s.csv -q 2>err)" 130
 absent s.csv
 finish

@@ -323,9 +323,22 @@ static void wait_ms(long ms) {
     }
 }
 
+/* "FILE+200": 200 ms after the file is there, however fast the machine; "200": after the start. */
+static void wait_until(const char *when) {
+    const char *plus = strrchr(when, '+');
+    if (plus != NULL) {
+        char *file = strndup(when, (size_t)(plus - when));
+        for (int i = 0; i < 6000 && file != NULL && access(file, F_OK) != 0; i++) {
+            wait_ms(10);
+        }
+        free(file);
+    }
+    wait_ms(atol(plus != NULL ? plus + 1 : when));
+}
+
 static int stop(int argc, char **argv) {
     if (argc < 3) {
-        return fail("stop MILLISECONDS SIGNALS COMMAND...");
+        return fail("stop [FILE+]MILLISECONDS SIGNALS COMMAND...");
     }
     pid_t child = fork();
     if (child == 0) {
@@ -333,7 +346,7 @@ static int stop(int argc, char **argv) {
         execvp(argv[2], argv + 2);
         _exit(127);
     }
-    wait_ms(atol(argv[0]));
+    wait_until(argv[0]);
     for (char *word = strtok(argv[1], ","); word != NULL; word = strtok(NULL, ",")) {
         int number = strcmp(word, "INT") == 0 ? SIGINT : strcmp(word, "TERM") == 0 ? SIGTERM : SIGHUP;
         kill(child, number);

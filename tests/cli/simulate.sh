@@ -129,7 +129,7 @@ run 1 simulate huge.png -o x -q; says 'huge.png'
 [ ! -e x ] || leaves x
 
 # Stopped: what is there is complete, and nothing else is.
-got=$("$helper" stop 1500 INT "$brace" simulate "$screen" -o stopped --count 500 --size 320x240 -q 2>err)
+got=$("$helper" stop stopped+100 INT "$brace" simulate "$screen" -o stopped --count 500 --size 320x240 -q 2>err)
 last='simulate, stopped'
 is 'exit code' "$got" 130
 says 'stopped'

@@ -17,7 +17,9 @@ JSON
 config brace-s >tiny.json
 
 # A run, undisturbed.
+start=$(date +%s%N)
 run 0 train tiny.json -o whole -t 1 --json; cp out r.json
+total=$((($(date +%s%N) - start) / 1000000))
 is steps "$(json r.json steps)" $((samples / 2))
 is samples "$(json r.json samples)" $((samples * 2))
 exists whole/weights.safetensors; exists whole/plot.png; exists whole/config.json; exists whole/sheets/epoch_0002.png
@@ -34,7 +36,8 @@ run 1 train other.json -o whole --resume; says "'seed' differs"
 RANDOM=7 kills=0
 for _ in $(seq "${BRACE_TEST_KILLS:-20}"); do
     "$brace" train tiny.json -o killed -t 1 --resume -q &
-    sleep "0.$((RANDOM % 900 + 100))"
+    ms=$((total * (RANDOM % 40 + 5) / 100))
+    sleep "$(printf '%d.%03d' $((ms / 1000)) $((ms % 1000)))"
     kill -9 $! 2>/dev/null && kills=$((kills + 1))
     wait $! 2>/dev/null
 done
@@ -48,7 +51,7 @@ is 'the log' "$(times killed/log.jsonl | md5sum)" "$(times whole/log.jsonl | md5
 
 # Ctrl-C saves and says how to go on.
 sed 's/"epoch_samples": [0-9]*/"epoch_samples": 100000/' tiny.json >long.json # does not end by itself
-is 'exit code after Ctrl-C' "$("$helper" stop 3000 INT "$brace" train long.json -o stopped -t 1 2>err)" 130
+is 'exit code after Ctrl-C' "$("$helper" stop stopped/checkpoint.safetensors+0 INT "$brace" train long.json -o stopped -t 1 2>err)" 130
 last='train, stopped'
 says '--resume goes on'; exists stopped/checkpoint.safetensors
 run 1 train long.json -o stopped; says '--resume'
