@@ -22,10 +22,21 @@ enum { WIDTH = 320, HEIGHT = 480, FRAMES = 4 };
 
 static const double readout = 0.012;
 
-/* Light of a pulse of this duty and 1 in the mean, from 0 to t. */
-static double pulsed(double t, double hz, double duty) {
-    const double periods = floor(t * hz), rest = t * hz - periods;
-    return (periods + fmin(rest, duty) / duty) / hz;
+/* Light of 1 in the mean: pulses of this duty; smooth if it has none, of this depth. hz 0: steady. */
+typedef struct lamp {
+    double hz, duty, depth;
+    double lag;     /* of the display's last column behind its first, seconds */
+    double readout; /* of the camera; 0: as above */
+} lamp;
+
+/* From 0 to t. */
+static double light_until(double t, const lamp *l) {
+    if (l->hz <= 0)
+        return t;
+    if (l->duty <= 0)
+        return t + l->depth * (1 - cos(2 * M_PI * l->hz * t)) / (2 * M_PI * l->hz);
+    const double periods = floor(t * l->hz), rest = t * l->hz - periods;
+    return (periods + fmin(rest, l->duty) / l->duty) / l->hz;
 }
 
 static void free_all(brace_frame **frames) {
@@ -33,8 +44,8 @@ static void free_all(brace_frame **frames) {
         brace_frame_destroy(frames[i]);
 }
 
-/* hz 0: steady. The content is lines of text of 12 rows; it moves by `shift` rows from frame to frame. */
-static void make(brace_frame **frames, double hz, double duty, uint32_t seed, int shift) {
+/* The content is lines of text of 12 rows; it moves by `shift` rows from frame to frame. */
+static void make(brace_frame **frames, const lamp *l, uint32_t seed, int shift) {
     for (int i = 0; i < FRAMES; i++) {
         core_random r = core_random_create(seed, (uint32_t)i, 0, 0);
         brace_frame *f = NULL;
@@ -44,9 +55,10 @@ static void make(brace_frame **frames, double hz, double duty, uint32_t seed, in
         for (int c = 0; c < 3; c++)
             f->noise[c][0] = 4e-5, f->noise[c][1] = 1e-7;
         for (uint32_t y = 0; y < HEIGHT; y++) {
-            const double start = readout * y / HEIGHT + 0.1 * i, t = f->exposure_time;
-            const double light = hz > 0 ? (pulsed(start + t, hz, duty) - pulsed(start, hz, duty)) / t : 1;
+            const double row_start = (l->readout > 0 ? l->readout : readout) * y / HEIGHT + 0.1 * i, t = f->exposure_time;
             for (uint32_t x = 0; x < WIDTH; x++) {
+                const double start = row_start + l->lag * (WIDTH - x) / WIDTH;
+                const double light = (light_until(start + t, l) - light_until(start, l)) / t;
                 const uint32_t row = y + (uint32_t)(shift * i), letter = (x / 5 * 2654435761u ^ row / 12 * 40503u) >> 16;
                 const bool ink = row % 12 < 7 && letter & 1;
                 const double signal = fmin(1, (ink ? 0.1 : 0.9) * 0.015 * ldexp(1, 2 * i) * light);
@@ -62,7 +74,7 @@ static void test_backlights(void **state) {
     static const double hz[] = {400, 700, 1234, 2500}, duty[] = {0.3, 0.5, 0.7, 0.4};
     for (size_t n = 0; n < sizeof hz / sizeof *hz; n++) {
         brace_frame *frames[FRAMES];
-        make(frames, hz[n], duty[n], (uint32_t)n, (int)n % 3);
+        make(frames, &(lamp){.hz = hz[n], .duty = duty[n]}, (uint32_t)n, (int)n % 3);
         const brace_banding_params params = {.readout = readout};
         /* The order given is the order of the answers, whatever the exposures. */
         const brace_frame *shuffled[FRAMES] = {frames[2], frames[0], frames[3], frames[1]};
@@ -96,7 +108,7 @@ static void test_steady(void **state) {
     (void)state;
     for (uint32_t seed = 0; seed < 3; seed++) {
         brace_frame *frames[FRAMES];
-        make(frames, 0, 0.5, seed, (int)seed);
+        make(frames, &(lamp){0}, seed, (int)seed);
         brace_banding b;
         const brace_banding_params params = {.readout = readout};
         assert_int_equal(brace_banding_measure(&b, (const brace_frame *const *)frames, FRAMES, &params, NULL, NULL),
@@ -107,6 +119,36 @@ static void test_steady(void **state) {
         assert_int_equal(b.usuals, 0);
         free_all(frames);
     }
+}
+
+/* What shone is told by its frequency, its shape, and whether the display's columns share it. */
+static void test_sources(void **state) {
+    (void)state;
+    static const struct {
+        lamp lamp;
+        brace_banding_source source;
+        const char *name;
+    } cases[] = {
+        {{.hz = 400, .duty = 0.4}, BRACE_BANDING_BACKLIGHT, "backlight"},
+        {{.hz = 1920, .duty = 0.3}, BRACE_BANDING_LED_WALL, "led_wall"},
+        {{.hz = 400, .duty = 0.4, .lag = 0.0008}, BRACE_BANDING_SCANNED, "scanned"},
+        {{.hz = 100, .depth = 0.3, .readout = 0.06}, BRACE_BANDING_MAINS, "mains"},
+        {{.hz = 120, .depth = 0.3, .readout = 0.06}, BRACE_BANDING_MAINS, "mains"},
+        {{.hz = 100, .duty = 0.3, .readout = 0.06}, BRACE_BANDING_UNKNOWN, "unknown"}, /* no lamp is as deep */
+    };
+    for (size_t n = 0; n < sizeof cases / sizeof *cases; n++) {
+        brace_frame *frames[FRAMES];
+        make(frames, &cases[n].lamp, (uint32_t)n, 0);
+        const brace_banding_params params = {.readout = cases[n].lamp.readout > 0 ? cases[n].lamp.readout : readout};
+        brace_banding b;
+        assert_int_equal(brace_banding_measure(&b, (const brace_frame *const *)frames, FRAMES, &params, NULL, NULL),
+                         BRACE_OK);
+        if (b.source != cases[n].source || strcmp(brace_banding_source_name(b.source), cases[n].name) != 0)
+            fail_msg("light of %g Hz is told as %s and not as %s (%g Hz)", cases[n].lamp.hz,
+                     brace_banding_source_name(b.source), cases[n].name, b.hz);
+        free_all(frames);
+    }
+    assert_string_equal(brace_banding_source_name((brace_banding_source)99), "unknown");
 }
 
 /* One frame on its own: a page of text with margins and a table's rules across all of it, seen by a camera that is tilted;
@@ -244,7 +286,8 @@ static void test_memory(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_backlights), cmocka_unit_test(test_steady), cmocka_unit_test(test_alone),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_backlights), cmocka_unit_test(test_steady),
+                                       cmocka_unit_test(test_sources),    cmocka_unit_test(test_alone),
                                        cmocka_unit_test(test_odd_frames), cmocka_unit_test(test_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -65,6 +65,42 @@ static void test_order(void **state) {
     free(gt);
 }
 
+/* Of a RAW frame each block's mean in linear light counts, whatever its black, white and colours. */
+static brace_frame *frame_of(const float *plane, uint32_t w, uint32_t h, float black) {
+    brace_frame *f = NULL;
+    assert_int_equal(brace_frame_create(&f, 2 * w, 2 * h, BRACE_CFA_GRBG, NULL), BRACE_OK);
+    f->white = 60000;
+    for (int c = 0; c < 4; c++)
+        f->black[c] = black + (float)(100 * c);
+    for (uint32_t y = 0; y < 2 * h; y++)
+        for (uint32_t x = 0; x < 2 * w; x++) {
+            const unsigned place = (y & 1) * 2 + (x & 1);
+            const double sample = 0.4 * (0.7 + 0.2 * place) * (double)plane[(size_t)(y / 2) * w + x / 2];
+            f->data[(size_t)y * f->width + x] = (uint16_t)lround((double)f->black[place] + sample * (60000 - (double)f->black[place]));
+        }
+    return f;
+}
+
+static void test_frames(void **state) {
+    (void)state;
+    enum { W = 96, H = 70 };
+    brace_sfc of_planes, of_frames;
+    brace_error error;
+    float *gt = planes_make(W, H, 1, 0.1, 0.1, 0, 0), *pred = planes_make(W, H, 1, 0, 0.11, 0.3, 0.1);
+    brace_frame *a = frame_of(pred, W, H, 512), *b = frame_of(gt, W, H, 4000), *small = frame_of(gt, W, H - 1, 0);
+    assert_int_equal(brace_sfc_plane(&of_planes, pred, gt, W, H, M_PI / 2, NULL, NULL, NULL), BRACE_OK);
+    assert_int_equal(brace_sfc_frame(&of_frames, a, b, M_PI / 2, NULL, NULL, NULL), BRACE_OK);
+    assert_true(of_planes.sfc > 1);
+    near("sfc of frames", 0, of_frames.sfc / of_planes.sfc, 1);
+    near("ratio of frames", 0, of_frames.d_ratio / of_planes.d_ratio, 1);
+    assert_int_equal(brace_sfc_frame(&of_frames, a, small, 0, NULL, NULL, &error), BRACE_ERROR_MISMATCH);
+    assert_non_null(strstr(error.message, "96 x 69"));
+    a->white = 0;
+    assert_int_not_equal(brace_sfc_frame(&of_frames, a, b, 0, NULL, NULL, &error), BRACE_OK);
+    brace_frame_destroy(a), brace_frame_destroy(b), brace_frame_destroy(small);
+    free(gt), free(pred);
+}
+
 static void test_edges(void **state) {
     (void)state;
     brace_sfc s, mean, deviation;
@@ -111,6 +147,6 @@ static void test_edges(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_vectors), cmocka_unit_test(test_order),
-                                       cmocka_unit_test(test_edges)};
+                                       cmocka_unit_test(test_frames), cmocka_unit_test(test_edges)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
