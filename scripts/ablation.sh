@@ -35,7 +35,7 @@ all='
 no-mscam      from:3-mwl                                        {"network":{"mscam":false}}
 no-prior      {"network":{"prior":false}}                       {"network":{"prior":false}}
 no-gate       {"network":{"gate":false}}                        {"network":{"gate":false}}
-no-strip      {"network":{"strip":0}}                           {"network":{"strip":0}}
+strip         {"network":{"strip":64}}                          {"network":{"strip":64}}
 '
 
 # config NAME STAGE CHANGES [INITIAL]: the model's configuration, changed.
