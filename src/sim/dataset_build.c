@@ -258,11 +258,9 @@ brace_status dataset_build(const char *out, const dataset_build_params *params, 
     }
     if (status == BRACE_OK) {
         uint32_t shards = params->shards > 0 ? params->shards : 1;
-        const size_t all = params->only == DATASET_TRAIN ? params->train
-                           : params->only == DATASET_TEST  ? params->test
-                                                           : b.count;
+        const size_t end = params->only == DATASET_TRAIN ? params->train : b.count;
         b.first = params->only == DATASET_TEST ? params->train : 0;
-        b.mine = (all + shards - 1 - params->shard) / shards;
+        b.mine = (end - b.first + shards - 1 - params->shard) / shards;
         core_parallel(pool, b.mine, 1, make_some, &b);
         status = b.status;
         if (status != BRACE_OK && error != NULL) {

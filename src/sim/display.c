@@ -111,27 +111,12 @@ bool sim_display_varies(const char *key) {
     return false;
 }
 
-static double varied(double x, const sim_field *f, double factor) {
-    return x < f->low || x > f->high ? x : sim_clamp(x * factor, f->low, f->high);
-}
-
-/* What is no number stays, and is refused when it is read. */
-static void vary(const json_at *root, const sim_driver *driver, sim_display_factor *factor, const void *user) {
-    for (size_t i = 0; i < driver->field_count; i++) {
-        const sim_field *f = &driver->fields[i];
-        json_t *value = json_object_get(root->value, f->key);
-        const double by = is_real(f) ? factor(user, f->key) : 1;
-        if (by == 1)
-            continue;
-        if (f->type == FIELD_NUMBER && (value != NULL ? json_is_number(value) : f->fallback > JSON_CHECK_REQUIRED)) {
-            const double x = value != NULL ? json_number_value(value) : f->fallback;
-            json_object_set_new(root->value, f->key, json_real(varied(x, f, by)));
-        }
-        for (size_t k = 0; f->type == FIELD_NUMBERS && k < json_array_size(value); k++) {
-            const json_t *element = json_array_get(value, k);
-            if (json_is_number(element))
-                json_array_set_new(value, k, json_real(varied(json_number_value(element), f, by)));
-        }
+static void vary(sim_display *display, sim_display_factor *factor, const void *user) {
+    for (size_t i = 0; i < display->driver->field_count; i++) {
+        const sim_field *f = &display->driver->fields[i];
+        double *value = parameter(display, f);
+        for (size_t k = 0; is_real(f) && k < (f->type == FIELD_NUMBERS ? f->count : 1); k++)
+            value[k] = sim_clamp(value[k] * factor(user, f->key), f->low, f->high);
     }
 }
 
@@ -150,14 +135,14 @@ static brace_status read_display(sim_display **out, json_check *doc, const char 
     char name[256];
     name_from_file(file, name, sizeof display->name);
     check_keys(&root, display);
-    if (factor != NULL)
-        vary(&root, display->driver, factor, user);
     read_text(&root, "name", display->name, sizeof display->name, name);
     read_text(&root, "family", display->family, sizeof display->family, "other");
     read_text(&root, "description", display->description, sizeof display->description, "");
     read_text(&root, "source", display->source, sizeof display->source, "");
     for (size_t i = 0; i < display->driver->field_count; i++)
         read_field(&root, display, &display->driver->fields[i]);
+    if (factor != NULL)
+        vary(display, factor, user);
     if (json_check_status(doc, NULL) == BRACE_OK && display->driver->check != NULL)
         display->driver->check(&root, display);
     brace_status status = json_check_status(doc, error);
