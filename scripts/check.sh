@@ -47,15 +47,15 @@ run()
     [ "$good" -gt 0 ] || [ "$bad" -gt 0 ]
 }
 
-export ASAN_OPTIONS=${ASAN_OPTIONS:-detect_leaks=1:allocator_may_return_null=1:abort_on_error=0}
-export UBSAN_OPTIONS=${UBSAN_OPTIONS:-halt_on_error=1:print_stacktrace=1}
+export ASAN_OPTIONS=${ASAN_OPTIONS:-detect_leaks=1:allocator_may_return_null=1:abort_on_error=0:handle_sigill=1}
 
 run check 1 -Dwerror=true || failed=$((failed + 1))
 echo
 export BRACE_TEST_KILLS=4 # twenty moments are for chance, which needs no sanitizer
-# -g1: lines for stack traces; all that debuggers know takes a sixth of the time to compile.
+# -g1: lines for stack traces; all that debuggers know takes a sixth of the time to compile. What is undefined traps:
+# calls of a runtime that words it take as long again to compile, and AddressSanitizer tells the line of a trap, too.
 run sanitize 6 -Dwerror=true -Dbuildtype=debugoptimized -Db_sanitize=address,undefined -Db_lundef=false \
-    -Dbench=false -Dc_args=-g1 || failed=$((failed + 1))
+    -Dbench=false "-Dc_args=['-g1', '-fsanitize-undefined-trap-on-error']" || failed=$((failed + 1))
 
 echo
 echo "$passed passed, $failed failed"

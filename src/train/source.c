@@ -103,8 +103,12 @@ brace_status train_source_create(train_source **out, const train_source_params *
                            p->width, p->height, least, p->side);
     }
     for (int i = 0; i < TRAIN_SETS_MAX && p->packed[i] != NULL && status == BRACE_OK; i++) {
+        const bool last = i + 1 == TRAIN_SETS_MAX || p->packed[i + 1] == NULL;
         status = open_set(s, p->packed[i], error);
         p->packed[i] = s->set[i].folder;
+        if (status == BRACE_ERROR_ARGUMENT && p->test && s->set[i].packed == NULL && (s->count > 0 || !last)) {
+            status = BRACE_OK; /* made with --only train: the other sets are for testing */
+        }
     }
     if (status == BRACE_OK && s->sets == 0) {
         status = open_simulator(s, job, error);

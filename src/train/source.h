@@ -14,7 +14,8 @@ enum { TRAIN_SETS_MAX = 8 };
 
 /* All zeros mean the defaults. */
 typedef struct train_source_params {
-    const char *packed[TRAIN_SETS_MAX]; /* folders of shards (brace dataset pack), up to the first NULL; none: rendered */
+    const char *packed[TRAIN_SETS_MAX]; /* folders of shards (brace dataset pack), up to the first NULL; none: rendered.
+                                           Each has samples to train; for tests one of them needs some */
     const char *screens;    /* rendered: folder of pictures; NULL: those that ship with BRACE */
     const char *priors;     /* rendered: JSON file; NULL: data/priors/default.json */
     uint32_t width, height; /* rendered: of the frames; 0: 1024x768 */
@@ -43,12 +44,13 @@ size_t train_source_size(const train_source *source); /* brackets of the packed 
 brace_status train_source_get(const train_source *source, uint64_t first, int count, train_sample *out,
                               const volatile int *cancel, brace_error *error);
 
-/* source_packed.c: brackets that lie in shards, of so many frames; 0: of any number. */
+/* source_packed.c: brackets that lie in shards, of so many frames; 0: of any number. BRACE_ERROR_ARGUMENT: there are
+ * none of this split. */
 typedef struct train_packed train_packed;
 brace_status train_packed_open(train_packed **out, const char *folder, const char *split, int frames,
                                brace_error *error);
 void train_packed_close(train_packed *packed); /* NULL is allowed */
-size_t train_packed_count(const train_packed *packed);
+size_t train_packed_count(const train_packed *packed); /* NULL: 0 */
 const train_bracket *train_packed_at(const train_packed *packed, size_t index);
 const char *train_packed_name(const train_packed *packed, size_t index);
 

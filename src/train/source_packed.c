@@ -41,7 +41,7 @@ void train_packed_close(train_packed *p) {
 }
 
 size_t train_packed_count(const train_packed *p) {
-    return p->count;
+    return p != NULL ? p->count : 0;
 }
 
 const train_bracket *train_packed_at(const train_packed *p, size_t index) {

@@ -342,6 +342,19 @@ static void check_two_sets(const train_source_params *params) {
     train_sample_free(&s);
 }
 
+/* So many brackets, and a sample of each can be had. */
+static void check_samples(const train_source *source, size_t count) {
+    brace_error error = {0};
+    train_sample s;
+    ok(train_sample_create(&s, 5, train_source_params_of(source)->side, &error), &error);
+    assert_int_equal(train_source_size(source), count);
+    for (uint64_t i = 0; i < count; i++) {
+        const uint64_t first = i * (uint64_t)train_source_params_of(source)->crops;
+        ok(train_source_get(source, first, 1, &s, NULL, &error), &error);
+    }
+    train_sample_free(&s);
+}
+
 static void test_packed(void **state) {
     (void)state;
     brace_error error = {0};
@@ -368,9 +381,19 @@ static void test_packed(void **state) {
     ok(train_source_create(&source, &p, NULL, &error), &error);
     assert_int_equal(train_source_size(source), 2);
     train_source_destroy(source);
-    p.packed[0] = none; /* a folder without shards */
+    for (int i = 0; i < 2; i++) { /* of two folders one without shards: fit for testing, not for training */
+        p.packed[i] = none, p.packed[1 - i] = shards;
+        ok(train_source_create(&source, &p, NULL, &error), &error);
+        check_samples(source, 2);
+        train_source_destroy(source);
+        p.test = false;
+        assert_int_equal(train_source_create(&source, &p, NULL, &error), BRACE_ERROR_ARGUMENT);
+        assert_non_null(strstr(error.message, none));
+        p.test = true;
+    }
+    p.packed[0] = p.packed[1] = none;
     assert_int_equal(train_source_create(&source, &p, NULL, &error), BRACE_ERROR_ARGUMENT);
-    p.packed[0] = shards, p.side = 32; /* 66 rows would be needed */
+    p.packed[0] = shards, p.packed[1] = NULL, p.side = 32; /* 66 rows would be needed */
     ok(train_source_create(&source, &p, NULL, &error), &error);
     train_sample s;
     ok(train_sample_create(&s, 5, 32, &error), &error);
