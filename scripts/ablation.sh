@@ -17,7 +17,7 @@ model=${3:-brace-s}
 for stage in 1 2; do
     [ -f "$configs/$model-stage$stage.json" ] || { echo "there is no configuration $model-stage$stage.json" >&2; exit 2; }
 done
-for set in varied field; do
+for set in varied more field; do
     [ -d sets/$set/packed ] || { echo "$2/sets/$set/packed is not there: run scripts/train.sh first" >&2; exit 1; }
 done
 mkdir -p ablation
