@@ -446,7 +446,7 @@ static void test_config(void **state) {
         const bool second = strstr(shipped[i], "stage2") != NULL, small = strstr(shipped[i], "-s-") != NULL;
         assert_true(c.known && c.shape.mscam == (shipped[i][0] == 'b'));
         assert_int_equal(c.batch, small ? 8 : 16);
-        assert_int_equal(c.epochs, second ? (small ? 8 : 20) : small ? 44 : 50);
+        assert_int_equal(c.epochs, second ? (small ? 24 : 20) : small ? 44 : 50);
         assert_true((small || c.schedule.rate == (second ? 1e-5 : 1e-4)) && c.loss.wavelet == 0.5);
         assert_true(c.loss.color == (!second ? 0 : small ? 0.01 : 0.05) && (c.initial != NULL) == second);
         assert_true((c.loss.relative > 0) == small);
