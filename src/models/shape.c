@@ -19,7 +19,6 @@ bool models_shape_named(models_shape *out, const char *name) {
     }
     *out = name[strlen(name) - 1] == 's' ? everyday : paper;
     out->mscam = out->prior = small || large;
-    out->strip = small ? 64 : 0;
     out->guide = out->sigma = out->gate = small;
     out->balance = strcmp(name, "tmrnet") != 0; /* whose published weights know no balance */
     return true;

@@ -27,7 +27,7 @@ static void test_names(void **state) {
         const models_shape *tmrnet = &shapes[2 + i / 2];
         assert_true(bare.mscam && bare.prior);
         bare.mscam = bare.prior = false;
-        bare.strip = 0, bare.guide = bare.sigma = bare.gate = false;
+        bare.guide = bare.sigma = bare.gate = false;
         assert_true(bare.balance && tmrnet->balance == (i > 0)); /* published weights know none */
         bare.balance = tmrnet->balance;
         assert_true(models_shape_equal(&bare, tmrnet));
