@@ -4,8 +4,8 @@
 source "$(dirname "$0")/lib.sh"
 
 # BRACE_TEST_KILLS: for sanitizers, which take their time, fewer kills of a shorter run.
-samples=40
-[ -z "${BRACE_TEST_KILLS:-}" ] || samples=16
+samples=20
+[ -z "${BRACE_TEST_KILLS:-}" ] || samples=12
 config() {
     cat <<JSON
 { "model": "$1", "seed": 3, "batch": 4, "epochs": 2, "epoch_samples": $samples, "checkpoint_steps": 1,

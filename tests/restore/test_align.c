@@ -29,14 +29,14 @@ static void check_motion(const scene *s, double shift_tolerance) {
 
 static void test_steady(void **state) {
     (void)state;
-    check_motion(&(scene){.width = 320, .height = 256, .level = 0.35, .shift = 1.7, .seed = 1}, 0.3);
+    check_motion(&(scene){.width = 256, .height = 208, .level = 0.35, .shift = 1.7, .seed = 1}, 0.3);
 }
 
 static void test_flicker(void **state) {
     (void)state;
     /* The shortest frames are dark in every second stripe; stripes must not pass for motion. */
-    check_motion(&(scene){.width = 320,
-                          .height = 256,
+    check_motion(&(scene){.width = 256,
+                          .height = 208,
                           .cfa = BRACE_CFA_GBRG,
                           .level = 0.35,
                           .shift = 1.7,
@@ -50,8 +50,8 @@ static void test_flicker(void **state) {
 static void test_far(void **state) {
     (void)state;
     /* A shift of 24 pixels between the outer frames needs the search at the top of the pyramid. */
-    check_motion(&(scene){.width = 384,
-                          .height = 320,
+    check_motion(&(scene){.width = 304,
+                          .height = 256,
                           .level = 0.08,
                           .shift = 6,
                           .pulses = 6,
